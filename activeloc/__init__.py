@@ -1,0 +1,3 @@
+"""Active localization as a Gymnasium environment."""
+
+__version__ = "0.1.0"
