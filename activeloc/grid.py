@@ -90,7 +90,8 @@ class OccupancyGrid:
     @cached_property
     def free(self) -> NDArray[np.bool_]:
         """``(H, W)``; true where the cell is known to be free."""
-        return self.cells == Cell.FREE
+        result: NDArray[np.bool_] = self.cells == Cell.FREE
+        return result
 
     @cached_property
     def blocked(self) -> NDArray[np.bool_]:
@@ -101,12 +102,16 @@ class OccupancyGrid:
     def clearance(self) -> NDArray[np.float64]:
         """``(H, W)``; distance from each cell's centre to the nearest blocked square [m].
 
-        Zero in blocked cells. The outside of the map is blocked. Measured between cell centres
-        less half a cell, so it errs on the short side where the nearest square lies diagonally.
+        Zero in blocked cells. The outside of the map is blocked. Exact: the point of a square
+        that is nearest to a cell's centre is a corner, a side's midpoint or a centre.
         """
-        padded = np.pad(self.free, 1)
-        distance = ndimage.distance_transform_edt(padded)[1:-1, 1:-1]
-        result: NDArray[np.float64] = np.maximum(distance - 0.5, 0.0) * self.resolution
+        height, width = self.shape
+        touched = np.ones((2 * height + 1, 2 * width + 1), dtype=np.bool_)
+        touched[1:-1, 1:-1] = False
+        for row, col in np.ndindex(3, 3):
+            touched[row : row + 2 * height - 1 : 2, col : col + 2 * width - 1 : 2] |= self.blocked
+        half_cells = ndimage.distance_transform_edt(~touched)[1::2, 1::2]
+        result: NDArray[np.float64] = half_cells * (0.5 * self.resolution)
         return result
 
     def count(self) -> dict[str, int]:

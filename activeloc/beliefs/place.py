@@ -1,0 +1,95 @@
+"""What a grid filter must remember of the place where the robot stands.
+
+A grid forgets where in its cell the robot is, so two facts that it would count as news are not:
+
+*Repetition.* A direction read again from one place shares the first reading's sub-cell error. Its
+n-th reading counts ``W_n - W_(n-1)``, ``W_n = (1 + r) n / (n + r)``: the information of n readings
+with independent noise and one shared offset, r being the ratio of their variances. With r = 1 the
+readings count 1, 1/3, 1/6, ... and never more than 2 in all.
+
+*Contact.* An obstacle that refused a motion is evidence once per direction; pushing on is not.
+
+A place ends once the robot has travelled ``place_size``. Directions are sectors of the circle,
+followed by odometry from the heading at which the place was entered.
+"""
+
+from __future__ import annotations
+
+from copy import deepcopy
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class PlaceMemory:
+    """What one robot has read and touched since it came to where it is.
+
+    Args:
+        sectors: Directions told apart.
+        place_size: Travel after which the robot is elsewhere [m].
+        repetition: r above; ``inf`` counts every reading in full.
+    """
+
+    def __init__(self, sectors: int, place_size: float, repetition: float) -> None:
+        self.sectors = sectors
+        self.place_size = place_size
+        self.repetition = repetition
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything: the robot is somewhere else."""
+        self.heading = 0.0
+        self.travelled = 0.0
+        self.readings = np.zeros(self.sectors, dtype=np.int64)
+        self.refused = np.zeros(self.sectors, dtype=np.bool_)
+
+    def copy(self) -> PlaceMemory:
+        """An independent copy, to be advanced in imagination."""
+        return deepcopy(self)
+
+    def move(self, u: NDArray[np.float64]) -> None:
+        """Follow an odometry reading ``(3,)``: rotation, translation, rotation."""
+        self.heading += float(u[0])
+        self.travelled += abs(float(u[1]))
+        if self.travelled >= self.place_size:
+            self.clear()
+        self.heading += float(u[2])
+
+    def sector(self, bearings: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Sector that each bearing, relative to the robot's heading, falls into."""
+        turns = (self.heading + np.asarray(bearings)) / (2.0 * np.pi)
+        return np.round(turns * self.sectors).astype(np.intp) % self.sectors
+
+    def weigh(self, bearings: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How much a reading in each direction ``(B,)`` counts now: in (0, 1].
+
+        Several beams in one sector are successive readings of it. Changes nothing.
+        """
+        sector = self.sector(bearings)
+        nth = self.readings[sector].astype(np.float64)
+        for b in range(1, len(sector)):
+            nth[b] += (sector[:b] == sector[b]).sum()
+        r = self.repetition
+        if np.isinf(r):
+            return np.ones(len(sector))
+        if r == 0.0:
+            result: NDArray[np.float64] = (nth == 0).astype(np.float64)
+        else:
+            result = (1.0 + r) * r / ((nth + r) * (nth + 1.0 + r))
+        return result
+
+    def read(self, bearings: NDArray[np.float64]) -> None:
+        """Remember a reading in each of the directions ``(B,)``."""
+        np.add.at(self.readings, self.sector(bearings), 1)
+
+    def refuse(self) -> bool:
+        """Remember that the way ahead is blocked; true if that is news."""
+        ahead = int(self.sector(np.zeros(1))[0])
+        news = not bool(self.refused[ahead])
+        self.refused[ahead] = True
+        return news
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether the way ahead is known to be blocked."""
+        return bool(self.refused[self.sector(np.zeros(1))[0]])

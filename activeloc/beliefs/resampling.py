@@ -1,0 +1,77 @@
+"""Resampling: which particles survive.
+
+Every scheme is a pure function ``(weights (N,), n, uniforms) -> (n,) indices`` and is unbiased: the
+expected number of offspring of particle i is ``n w_i``. Weights need not sum to one: pointers are
+scaled by the last cumulative weight, so that rounding never runs off the end.
+
+Douc & Cappé, "Comparison of resampling schemes for particle filtering" (2005); systematic is the
+low-variance sampler of *Probabilistic Robotics*, table 4.4, multinomial its roulette wheel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Scheme = Callable[[NDArray[np.float64], int, NDArray[np.float64]], NDArray[np.intp]]
+
+
+def _pick(weights: NDArray[np.float64], pointers: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Index of the particle whose share of the wheel holds each pointer in [0, 1)."""
+    wheel = np.asarray(weights, dtype=np.float64).cumsum()
+    index = np.searchsorted(wheel, pointers * wheel[-1], side="right")
+    return np.minimum(index, np.flatnonzero(weights)[-1])
+
+
+def systematic(
+    weights: NDArray[np.float64], n: int, uniforms: NDArray[np.float64]
+) -> NDArray[np.intp]:
+    """One comb of n teeth: offspring within one of ``n w``. Uses ``uniforms[0]``."""
+    return _pick(weights, (uniforms[0] + np.arange(n)) / n)
+
+
+def stratified(
+    weights: NDArray[np.float64], n: int, uniforms: NDArray[np.float64]
+) -> NDArray[np.intp]:
+    """One pointer in each of n equal strata. Uses ``uniforms[:n]``."""
+    return _pick(weights, (uniforms[:n] + np.arange(n)) / n)
+
+
+def multinomial(
+    weights: NDArray[np.float64], n: int, uniforms: NDArray[np.float64]
+) -> NDArray[np.intp]:
+    """N independent spins of the roulette wheel, by binary search. Uses ``uniforms[:n]``."""
+    return _pick(weights, uniforms[:n])
+
+
+def residual(
+    weights: NDArray[np.float64], n: int, uniforms: NDArray[np.float64]
+) -> NDArray[np.intp]:
+    """``floor(n w)`` copies of each, the rest by the wheel over what was cut off.
+
+    Uses as many uniforms as there are particles left to draw.
+    """
+    share = np.asarray(weights, dtype=np.float64) / np.sum(weights, dtype=np.float64) * n
+    copies = np.floor(share).astype(np.intp)
+    kept = np.repeat(np.arange(len(share)), copies)
+    missing = n - len(kept)
+    if missing <= 0:
+        return kept[:n]
+    rest = share - copies
+    return np.concatenate([kept, _pick(rest, uniforms[:missing])])
+
+
+SCHEMES: dict[str, Scheme] = {
+    "systematic": systematic,
+    "stratified": stratified,
+    "multinomial": multinomial,
+    "residual": residual,
+}
+
+
+def effective_sample_size(weights: NDArray[np.float64]) -> float:
+    """``(sum w)^2 / sum w^2``: how many equal particles the weights are worth, in [1, N]."""
+    w = np.asarray(weights, dtype=np.float64)
+    return float(w.sum() ** 2 / (w**2).sum())

@@ -1,0 +1,285 @@
+"""Motion: what a command or an odometry reading does to a pose.
+
+A motion is a rotation, a translation and a second rotation ``(rot1 [rad], trans [m], rot2 [rad])``.
+The robot carries a command out with *actuation* noise and is stopped where its disc touches an
+obstacle; its *odometry* then reads what was carried out, with noise of its own. Filters never see
+the command: their control u is the odometry's reading, so a robot stuck at a wall is known to be
+stuck. One kernel, :func:`drive`, moves the simulated robot and every hypothesis of every filter.
+
+Noise comes in as standard normal numbers; nothing here draws any.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from activeloc import checks
+from activeloc.grid import OccupancyGrid
+from activeloc.raycast import cast_ray
+
+# A robot stops this far before the square that it touches [cell], and so never stands on its edge.
+MARGIN = 1e-6
+
+
+def wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same angles in ``[-pi, pi)`` [rad]."""
+    result: NDArray[np.float64] = (np.asarray(angle) + np.pi) % (2.0 * np.pi) - np.pi
+    return result
+
+
+@dataclass(frozen=True, slots=True)
+class MotionNoise:
+    """How far a motion strays: four coefficients, each a standard deviation per unit of motion.
+
+    The odometry model of Thrun, Burgard & Fox, *Probabilistic Robotics* (2005), table 5.6; the
+    squares of the fields are the book's alpha_1 ... alpha_4, in its order. The two contributions
+    to one motion add up in variance.
+
+    Attributes:
+        rotation_from_rotation: Of a rotation, per radian rotated [rad / rad].
+        rotation_from_translation: Of each rotation, per metre travelled [rad / m].
+        translation_from_translation: Of the translation, per metre travelled [m / m].
+        translation_from_rotation: Of the translation, per radian rotated [m / rad].
+
+    Raises:
+        ConfigError: If a coefficient is not a number in [0, 10].
+    """
+
+    rotation_from_rotation: float = 0.0
+    rotation_from_translation: float = 0.0
+    translation_from_translation: float = 0.0
+    translation_from_rotation: float = 0.0
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            checks.number(f"{type(self).__name__}.{item.name}", getattr(self, item.name), 0.0, 10.0)
+
+    def sigma(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Standard deviations of the three parts of motions ``(..., 3)``: an array like ``u``."""
+        rot1, trans, rot2 = np.moveaxis(np.asarray(u, dtype=np.float64), -1, 0)
+        by_travel = self.rotation_from_translation * trans
+        return np.stack(
+            [
+                np.hypot(self.rotation_from_rotation * rot1, by_travel),
+                np.hypot(
+                    self.translation_from_translation * trans,
+                    self.translation_from_rotation * np.hypot(rot1, rot2),
+                ),
+                np.hypot(self.rotation_from_rotation * rot2, by_travel),
+            ],
+            axis=-1,
+        )
+
+
+class Terrain:
+    """Where the centre of a round robot can be on a map: its configuration space.
+
+    A cell of the map is open to the centre when the disc around the cell's centre touches no
+    blocked square (:attr:`OccupancyGrid.clearance`) and the cell belongs to the largest connected
+    part. Motions are rays through the open cells, so thin walls are never jumped.
+
+    Args:
+        grid: The map.
+        radius: Of the robot [m].
+
+    Raises:
+        MapError: If the robot fits nowhere.
+    """
+
+    def __init__(self, grid: OccupancyGrid, radius: float) -> None:
+        self.grid = grid
+        self.radius = radius
+        self.open = grid.passable(radius)
+        self.blocked = ~self.open
+
+    @cached_property
+    def open_cells(self) -> NDArray[np.intp]:
+        """``(N, 2)`` of row and column of every open cell."""
+        return np.argwhere(self.open)
+
+    @property
+    def area(self) -> float:
+        """Open area [m^2]."""
+        return len(self.open_cells) * self.grid.resolution**2
+
+    def contains(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether each pose ``(..., 3)`` is in an open cell of the map."""
+        column_row = self.grid.to_cells(np.asarray(poses)[..., :2])
+        inside = np.isfinite(column_row).all(axis=-1)
+        col, row = np.moveaxis(np.floor(np.where(np.isfinite(column_row), column_row, -1.0)), -1, 0)
+        height, width = self.grid.shape
+        inside &= (row >= 0) & (row < height) & (col >= 0) & (col < width)
+        row, col = (
+            np.where(inside, row, 0).astype(np.intp),
+            np.where(inside, col, 0).astype(np.intp),
+        )
+        result: NDArray[np.bool_] = inside & self.open[row, col]
+        return result
+
+    def uniform_poses(self, uniforms: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Poses uniform over the open area and all headings.
+
+        Args:
+            uniforms: ``(..., 4)`` in [0, 1): cell, place in the cell (two), heading.
+
+        Returns:
+            ``(..., 3)``.
+        """
+        uniforms = np.asarray(uniforms)
+        chosen = self.open_cells[(uniforms[..., 0] * len(self.open_cells)).astype(np.intp)]
+        column_row = chosen[..., ::-1] + uniforms[..., 1:3]
+        theta = wrap(2.0 * np.pi * uniforms[..., 3:4])
+        return np.concatenate([self.grid.to_metres(column_row), theta], axis=-1)
+
+
+@njit(cache=True, nogil=True)
+def drive(
+    blocked: NDArray[np.bool_],
+    poses: NDArray[np.float64],
+    motions: NDArray[np.float64],
+    out: NDArray[np.float64],
+    travelled: NDArray[np.float64],
+) -> None:
+    """Rotate, travel until done or stopped by an obstacle, rotate. Lengths in cells.
+
+    Args:
+        blocked: ``(H, W)``; where the robot's centre cannot be.
+        poses: ``(N, 3)`` of column, row, heading.
+        motions: ``(N, 3)`` of first rotation, translation (backwards if negative), second rotation.
+        out: ``(N, 3)``, overwritten with the poses reached; headings are not wrapped.
+        travelled: ``(N,)``, overwritten with the translations achieved.
+    """
+    for i in range(poses.shape[0]):
+        x, y = poses[i, 0], poses[i, 1]
+        heading = poses[i, 2] + motions[i, 0]
+        wanted = abs(motions[i, 1])
+        sign = 1.0 if motions[i, 1] >= 0.0 else -1.0
+        dx, dy = sign * np.cos(heading), sign * np.sin(heading)
+        reach = cast_ray(blocked, x, y, dx, dy, wanted + 2.0 * MARGIN) - MARGIN
+        length = max(0.0, min(wanted, reach))
+        out[i, 0] = x + length * dx
+        out[i, 1] = y + length * dy
+        out[i, 2] = heading + motions[i, 2]
+        travelled[i] = sign * length
+
+
+def move(
+    terrain: Terrain, poses: NDArray[np.float64], motions: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """:func:`drive` in metres, without noise.
+
+    Args:
+        terrain: Where the robot can be.
+        poses: ``(N, 3)``.
+        motions: ``(N, 3)``, or ``(3,)`` for all.
+
+    Returns:
+        Poses reached ``(N, 3)``, theta in [-pi, pi), and the motions carried out ``(N, 3)``.
+    """
+    grid = terrain.grid
+    poses = np.asarray(poses, dtype=np.float64)
+    motions = np.broadcast_to(np.asarray(motions, dtype=np.float64), poses.shape)
+    per_cell = np.array([1.0, 1.0 / grid.resolution, 1.0])
+    in_cells = np.column_stack([grid.to_cells(poses[:, :2]), poses[:, 2]])
+    out, travelled = np.empty_like(in_cells), np.empty(len(poses))
+    drive(terrain.blocked, in_cells, motions * per_cell, out, travelled)
+    reached = np.column_stack([grid.to_metres(out[:, :2]), wrap(out[:, 2])])
+    carried_out = np.column_stack([motions[:, 0], travelled * grid.resolution, motions[:, 2]])
+    return reached, carried_out
+
+
+@dataclass(frozen=True, slots=True)
+class MotionModel:
+    """The robot's body: its size, how it obeys, how well it knows what it did.
+
+    Attributes:
+        actuation: Noise between a command and the motion carried out.
+        odometry: Noise between the motion carried out and the odometry's reading; to a filter, the
+            noise of p(x' | u, x, m). The defaults are 4 degrees in a turn of 30, and 5 % and
+            2 degrees of heading in half a metre.
+        radius: Of the robot's disc [m].
+        contact_ratio: A translation read as less than this share of the command was stopped by an
+            obstacle.
+
+    Raises:
+        ConfigError: If a number is out of its range.
+    """
+
+    actuation: MotionNoise = field(
+        default_factory=lambda: MotionNoise(2.0 / 30.0, np.deg2rad(1.0) / 0.5 / np.sqrt(2.0), 0.02)
+    )
+    odometry: MotionNoise = field(
+        default_factory=lambda: MotionNoise(4.0 / 30.0, np.deg2rad(2.0) / 0.5 / np.sqrt(2.0), 0.05)
+    )
+    radius: float = 0.2
+    contact_ratio: float = 0.7
+
+    def __post_init__(self) -> None:
+        checks.number("MotionModel.radius", self.radius, 0.0, 100.0)
+        checks.number("MotionModel.contact_ratio", self.contact_ratio, 0.0, 1.0)
+
+    def execute(
+        self,
+        terrain: Terrain,
+        poses: NDArray[np.float64],
+        command: NDArray[np.float64],
+        normals: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Carry a command out.
+
+        Args:
+            terrain: Where the robot can be.
+            poses: ``(N, 3)``.
+            command: ``(N, 3)`` or ``(3,)``.
+            normals: ``(N, 3)`` of standard normal numbers.
+
+        Returns:
+            Poses reached and the motions carried out, ``(N, 3)`` each.
+        """
+        return move(terrain, poses, command + normals * self.actuation.sigma(command))
+
+    def read_odometry(
+        self, carried_out: NDArray[np.float64], normals: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """What the odometry says of motions ``(N, 3)``: an array like them."""
+        result: NDArray[np.float64] = carried_out + normals * self.odometry.sigma(carried_out)
+        return result
+
+    def sample(
+        self,
+        terrain: Terrain,
+        poses: NDArray[np.float64],
+        u: NDArray[np.float64],
+        normals: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Draw x' ~ p(x' | u, x, m): one successor of each pose, given the odometry's reading.
+
+        Args:
+            terrain: Where the robot can be.
+            poses: ``(N, 3)``.
+            u: Odometry reading, ``(3,)`` or ``(N, 3)``.
+            normals: ``(N, 3)`` of standard normal numbers.
+
+        Returns:
+            Successors ``(N, 3)``, and ``(N,)`` how much an obstacle cut the way short [m]: where
+            it did, the pose could not have made the motion that was read.
+        """
+        u = np.asarray(u, dtype=np.float64)
+        wanted = np.broadcast_to(u + normals * self.odometry.sigma(u), poses.shape)
+        reached, carried_out = move(terrain, poses, wanted)
+        shortfall: NDArray[np.float64] = np.abs(wanted[:, 1]) - np.abs(carried_out[:, 1])
+        return reached, shortfall
+
+    def touched(self, command: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether the robot knows that an obstacle stopped it: ``(...)`` for ``(..., 3)``.
+
+        True when the odometry read less than ``contact_ratio`` of the commanded translation.
+        """
+        wanted, read = np.abs(command[..., 1]), np.abs(u[..., 1])
+        result: NDArray[np.bool_] = (wanted > 0.0) & (read < self.contact_ratio * wanted)
+        return result

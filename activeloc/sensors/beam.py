@@ -1,0 +1,179 @@
+"""The beam model: a reading is a hit, an early hit, a missed echo or anything at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr, ndtr, ndtri
+
+from activeloc import checks
+from activeloc.errors import ConfigError
+from activeloc.grid import OccupancyGrid
+from activeloc.raycast import cast_scan
+from activeloc.sensors.readings import ReadingBins, spread_bearings
+
+
+def check_beams(owner: str, beams: object, field_of_view: object, z_max: object) -> None:
+    """Refuse a geometry that no scan can have.
+
+    Raises:
+        ConfigError: If the beams are not 1 to 4096, the field of view not in [0, 2 pi], the
+            longest range not in (0, 10000], or one beam is asked for over a wide field of view.
+    """
+    checks.integer(f"{owner}.beams", beams, 1, 4096)
+    checks.number(f"{owner}.field_of_view", field_of_view, 0.0, 2.0 * np.pi + 1e-9)
+    checks.number(f"{owner}.z_max", z_max, 0.0, 1e4, above_low=True)
+
+
+@dataclass(frozen=True, slots=True)
+class BeamModel:
+    """p(z | z*) = w_hit p_hit + w_short p_short + w_max p_max + w_rand p_rand.
+
+    Thrun, Burgard & Fox, *Probabilistic Robotics* (2005), section 6.3, with z* the exact expected
+    range. p_hit is a Gaussian around z*, cut to ``[0, z_max)`` and normalised; p_short an
+    exponential cut to ``[0, z*)``; p_max a point mass at ``z_max``; p_rand uniform. Where nothing
+    is in range (z* >= z_max) a hit reads ``z_max``; where z* = 0 a short reading is a hit.
+
+    Attributes:
+        beams: Number of beams in a scan.
+        field_of_view: Angle between the first and the last beam [rad].
+        z_max: Longest range the sensor reports [m].
+        sigma_hit: Standard deviation of a hit [m].
+        lambda_short: Rate at which obstacles not on the map cut beams short [1/m].
+        w_hit: Mixture weight of a hit.
+        w_short: Mixture weight of an early hit.
+        w_max: Mixture weight of a missed echo.
+        w_rand: Mixture weight of a reading from anywhere.
+
+    Raises:
+        ConfigError: If a number is out of its range or the weights do not sum to one.
+    """
+
+    beams: int = 3
+    field_of_view: float = float(np.pi / 3.0)
+    z_max: float = 1.5
+    sigma_hit: float = 0.1
+    lambda_short: float = 1.0
+    w_hit: float = 0.90
+    w_short: float = 0.05
+    w_max: float = 0.03
+    w_rand: float = 0.02
+
+    def __post_init__(self) -> None:
+        check_beams("BeamModel", self.beams, self.field_of_view, self.z_max)
+        checks.number("BeamModel.sigma_hit", self.sigma_hit, 1e-6, 1e4)
+        checks.number("BeamModel.lambda_short", self.lambda_short, 0.0, 1e4, above_low=True)
+        weights = ("w_hit", "w_short", "w_max", "w_rand")
+        for name in weights:
+            checks.number(f"BeamModel.{name}", getattr(self, name), 0.0, 1.0)
+        total = sum(getattr(self, name) for name in weights)
+        if abs(total - 1.0) > 1e-6:
+            raise ConfigError(f"BeamModel: {' + '.join(weights)} must be 1, got {total:g}")
+
+    @property
+    def bearings(self) -> NDArray[np.float64]:
+        """``(B,)``; beam angles relative to the heading, right to left [rad]."""
+        return spread_bearings(self.beams, self.field_of_view)
+
+    def expected(self, grid: OccupancyGrid, rays: NDArray[np.float64]) -> NDArray[np.float64]:
+        """z*: exact range of each ray ``(..., 3)``, at most ``z_max`` [m]."""
+        return cast_scan(grid, rays, np.zeros(1), self.z_max)[..., 0]
+
+    def _weights(
+        self, z_expected: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Weights of hit, short and max once the cases z* = 0 and z* >= z_max are settled."""
+        no_return = z_expected >= self.z_max
+        w_short = np.where(z_expected > 0.0, self.w_short, 0.0)
+        w_hit = np.where(no_return, 0.0, self.w_hit + self.w_short - w_short)
+        w_max = self.w_max + np.where(no_return, self.w_hit, 0.0)
+        return w_hit, w_short, w_max
+
+    def cdf(self, z: NDArray[np.float64], z_expected: NDArray[np.float64]) -> NDArray[np.float64]:
+        """P(reading <= z, below z_max | z*); the arguments broadcast.
+
+        At ``z_max`` it is one less the point mass there.
+        """
+        z = np.clip(np.asarray(z, dtype=np.float64), 0.0, self.z_max)
+        z_expected = np.minimum(np.asarray(z_expected, dtype=np.float64), self.z_max)
+        w_hit, w_short, _ = self._weights(z_expected)
+        low = ndtr(-z_expected / self.sigma_hit)
+        high = ndtr((self.z_max - z_expected) / self.sigma_hit)
+        hit = (ndtr((z - z_expected) / self.sigma_hit) - low) / (high - low)
+        cut = np.maximum(z_expected, 1e-300)
+        short = np.expm1(-self.lambda_short * np.minimum(z, cut)) / np.expm1(
+            -self.lambda_short * cut
+        )
+        result: NDArray[np.float64] = w_hit * hit + w_short * short + self.w_rand * z / self.z_max
+        return result
+
+    def log_likelihood(
+        self, z: NDArray[np.float64], z_expected: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Beam-by-beam log p(z | z*); the arguments broadcast.
+
+        A log-density [log 1/m] below ``z_max``, a log-probability at it.
+        """
+        z = np.asarray(z, dtype=np.float64)
+        z_expected = np.minimum(np.asarray(z_expected, dtype=np.float64), self.z_max)
+        w_hit, w_short, w_max = self._weights(z_expected)
+        scaled = (z - z_expected) / self.sigma_hit
+        high, low = (self.z_max - z_expected) / self.sigma_hit, -z_expected / self.sigma_hit
+        # ndtr(high) - ndtr(low), 1 / eta of table 6.1; one of the two is always near 0 or 1.
+        kept = np.exp(log_ndtr(high)) - np.exp(log_ndtr(low))
+        hit = np.exp(-0.5 * scaled**2) / (np.sqrt(2.0 * np.pi) * self.sigma_hit * kept)
+        cut = np.maximum(z_expected, 1e-300)
+        rate = self.lambda_short
+        short = np.where(z <= z_expected, rate * np.exp(-rate * z) / -np.expm1(-rate * cut), 0.0)
+        below = w_hit * hit + w_short * short + self.w_rand / self.z_max
+        with np.errstate(divide="ignore"):
+            result: NDArray[np.float64] = np.log(np.where(z < self.z_max, below, w_max))
+        return result
+
+    def masses(self, z_expected: NDArray[np.float64], bins: ReadingBins) -> NDArray[np.float64]:
+        """P(reading in bin | z*): ``(..., Z)`` for ``(...)``; each row sums to one."""
+        z_expected = np.asarray(z_expected, dtype=np.float64)[..., None]
+        below = np.diff(self.cdf(bins.edges, z_expected), axis=-1)
+        return np.concatenate([below, self._weights(z_expected)[2]], axis=-1)
+
+    def bin_probabilities(
+        self, grid: OccupancyGrid, rays: NDArray[np.float64], bins: ReadingBins
+    ) -> NDArray[np.float64]:
+        """See :meth:`RangeSensor.bin_probabilities`."""
+        return self.masses(self.expected(grid, rays), bins)
+
+    def sample(
+        self, z_expected: NDArray[np.float64], uniforms: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Draw readings by inversion.
+
+        Args:
+            z_expected: ``(...)`` [m].
+            uniforms: ``(..., 2)`` in [0, 1): which part of the mixture, where in it.
+
+        Returns:
+            ``(...)`` in [0, z_max] [m].
+        """
+        z_expected = np.minimum(np.asarray(z_expected, dtype=np.float64), self.z_max)
+        part, u = uniforms[..., 0], uniforms[..., 1]
+        w_hit, w_short, w_max = self._weights(z_expected)
+        low = ndtr(-z_expected / self.sigma_hit)
+        high = ndtr((self.z_max - z_expected) / self.sigma_hit)
+        hit = z_expected + self.sigma_hit * ndtri(
+            np.clip(low + u * (high - low), 1e-300, 1 - 1e-16)
+        )
+        short = -np.log1p(u * np.expm1(-self.lambda_short * z_expected)) / self.lambda_short
+        z = np.where(part < w_hit, hit, np.where(part < w_hit + w_short, short, u * self.z_max))
+        missed = (part >= w_hit + w_short) & (part < w_hit + w_short + w_max)
+        result: NDArray[np.float64] = np.where(
+            missed, self.z_max, np.clip(z, 0.0, np.nextafter(self.z_max, 0.0))
+        )
+        return result
+
+    def read(
+        self, grid: OccupancyGrid, rays: NDArray[np.float64], uniforms: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """See :meth:`RangeSensor.read`."""
+        return self.sample(self.expected(grid, rays), uniforms)

@@ -1,0 +1,124 @@
+"""What every range sensor shares: its beams, its bins, the seam to filters and simulator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activeloc import checks
+from activeloc.errors import ConfigError, ScanError
+from activeloc.grid import OccupancyGrid
+
+
+@dataclass(frozen=True, slots=True)
+class ReadingBins:
+    """Equal bins over ``[0, z_max)`` and a last one that holds maximum-range readings alone.
+
+    Attributes:
+        z_max: Longest range the sensor reports [m].
+        width: Greatest width of a bin [m]; the bins divide ``z_max`` evenly.
+
+    Raises:
+        ConfigError: If the width is not in (0, z_max], or gives more than 4096 bins.
+    """
+
+    z_max: float
+    width: float
+
+    def __post_init__(self) -> None:
+        checks.number("reading_bin", self.width, 0.0, self.z_max, above_low=True)
+        if self.z_max / self.width > 4096:
+            raise ConfigError(
+                f"reading_bin {self.width:g} m gives {self.z_max / self.width:.0f} bins up to "
+                f"z_max {self.z_max:g} m; at most 4096 are allowed"
+            )
+
+    @property
+    def edges(self) -> NDArray[np.float64]:
+        """Edges of the bins below ``z_max``: ``(Z,)`` from 0 to ``z_max`` [m]."""
+        return np.linspace(0.0, self.z_max, int(np.ceil(self.z_max / self.width - 1e-9)) + 1)
+
+    def __len__(self) -> int:
+        return len(self.edges)
+
+    def index(self, scan: NDArray[np.float64]) -> NDArray[np.int32]:
+        """Bin of each reading, -1 for "no reading" (NaN): an array like ``scan``."""
+        z = np.asarray(scan, dtype=np.float64)
+        step = self.z_max / (len(self) - 1)
+        known = np.where(np.isnan(z), 0.0, np.minimum(z, self.z_max))
+        below = np.minimum((known / step).astype(np.int32), len(self) - 2)
+        bins = np.where(known >= self.z_max, len(self) - 1, below)
+        return np.where(np.isnan(z), -1, bins).astype(np.int32)
+
+
+class RangeSensor(Protocol):
+    """What filters, simulator and planners need of a range sensor."""
+
+    def __hash__(self) -> int: ...
+
+    @property
+    def z_max(self) -> float:
+        """Longest range reported [m]."""
+        ...
+
+    @property
+    def bearings(self) -> NDArray[np.float64]:
+        """``(B,)``; beam angles relative to the robot's heading [rad]."""
+        ...
+
+    def read(
+        self, grid: OccupancyGrid, rays: NDArray[np.float64], uniforms: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Draw a reading ``(...)`` [m] for each ray ``(..., 3)`` from ``(..., 2)`` uniforms."""
+        ...
+
+    def bin_probabilities(
+        self, grid: OccupancyGrid, rays: NDArray[np.float64], bins: ReadingBins
+    ) -> NDArray[np.float64]:
+        """P(reading in bin | ray, map): ``(..., Z)`` for rays ``(..., 3)``; rows sum to one."""
+        ...
+
+
+def rays_of(poses: NDArray[np.float64], bearings: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The beams of poses ``(..., 3)`` as rays ``(..., B, 3)`` of x, y [m] and direction [rad]."""
+    rays = np.repeat(np.asarray(poses, dtype=np.float64)[..., None, :], len(bearings), axis=-2)
+    rays[..., 2] += bearings
+    return rays
+
+
+def spread_bearings(beams: int, field_of_view: float) -> NDArray[np.float64]:
+    """``beams`` angles evenly over the field of view, its two ends included [rad].
+
+    Over a full turn the ends are one direction, and the beams divide the circle.
+    """
+    if beams == 1:
+        return np.zeros(1)
+    full_turn = field_of_view >= 2.0 * np.pi - 1e-9
+    return (np.arange(beams) / (beams if full_turn else beams - 1) - 0.5) * field_of_view
+
+
+def check_scan(scan: NDArray[np.float64], sensor: RangeSensor) -> NDArray[np.float64]:
+    """The scan as float64, +inf replaced by ``z_max``.
+
+    Args:
+        scan: ``(..., B)`` of ranges [m]; NaN is "no reading", +inf a maximum-range reading.
+        sensor: Whose scan it is.
+
+    Raises:
+        ScanError: If the last axis is not the sensor's beams, or a reading is outside its range.
+    """
+    z = np.array(scan, dtype=np.float64)
+    n_beams = len(sensor.bearings)
+    if z.ndim == 0 or z.shape[-1] != n_beams:
+        raise ScanError(f"scan must have {n_beams} readings, got shape {z.shape}")
+    z[np.isposinf(z)] = sensor.z_max
+    bad = ~np.isnan(z) & ~((z >= 0.0) & (z <= sensor.z_max))
+    if bad.any():
+        where = tuple(int(i) for i in np.argwhere(bad)[0])
+        raise ScanError(
+            f"scan reading {where} is {z[where]:g} m; allowed are [0, {sensor.z_max:g}], NaN, +inf"
+        )
+    return z
