@@ -6,7 +6,6 @@ state: nothing here needs a display or leaves a setting changed. Files appear wh
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeloc.errors import ConfigError
+from activeloc.files import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -186,9 +186,4 @@ def _save(figure: Figure, path: Path) -> None:
     """Encode in memory, write beside the target, and put it in its place in one step."""
     encoded = BytesIO()
     figure.savefig(encoded, format="png", dpi=150)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(encoded.getvalue())
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+    write_atomically(path, encoded.getvalue())

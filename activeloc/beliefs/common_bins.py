@@ -27,7 +27,7 @@ def _overlap(
     """Bins that intervals ``[start, start + width]`` lie in, and the share in each: ``(N, W)``."""
     n_bins = int(np.ceil(width / bin_width - 1e-9)) + 1
     first = np.floor(start / bin_width + 1e-9).astype(np.int32)
-    bins: NDArray[np.int32] = first[:, None] + np.arange(n_bins, dtype=np.int32)
+    bins = np.asarray(first[:, None] + np.arange(n_bins), dtype=np.int32)
     low = np.maximum(bins * bin_width, start[:, None])
     high = np.minimum((bins + 1) * bin_width, start[:, None] + width)
     return bins, (np.maximum(high - low, 0.0) / width).astype(np.float32)

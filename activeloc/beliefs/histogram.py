@@ -66,7 +66,7 @@ class HistogramConfig:
     contact_floor: float = 0.02
     odometry_floor: float = 0.05
     leak: float = 0.0
-    least: float = 1e-12
+    least: float = 1e-10
     precision: str = "float32"
 
     def __post_init__(self) -> None:

@@ -150,23 +150,20 @@ def correct(
         offsets: ``(B,)``; directions from a heading to each beam.
         weights: ``(B,)``; how much each reading counts.
         per_heading: Directions per heading bin.
-        score: ``(C, K)``, overwritten with log-likelihoods.
+        score: ``(C, K)``, overwritten with log-likelihoods where there is mass.
     """
     n_headings, n_directions = bel.shape[1], row.shape[1]
     shift = -np.inf
     for c in live:
         for k in range(n_headings):
-            score[c, k] = 0.0
-        for b in range(readings.shape[0]):
-            z, w = readings[b], weights[b]
-            if z < 0 or w == 0.0:
-                continue
-            for k in range(n_headings):
-                d = (k * per_heading + offsets[b]) % n_directions
-                score[c, k] += w * log_p[z, row[c, d]]
-        for k in range(n_headings):
-            if bel[c, k] > 0.0 and score[c, k] > shift:
-                shift = score[c, k]
+            if bel[c, k] > 0.0:
+                total = 0.0
+                for b in range(readings.shape[0]):
+                    if readings[b] >= 0 and weights[b] > 0.0:
+                        d = (k * per_heading + offsets[b]) % n_directions
+                        total += weights[b] * log_p[readings[b], row[c, d]]
+                score[c, k] = total
+                shift = max(shift, total)
     if shift == -np.inf:
         return 0.0, shift
     total = 0.0

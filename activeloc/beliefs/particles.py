@@ -132,7 +132,7 @@ def add_log_likelihoods(
 def _ground(grid: OccupancyGrid, radius: float) -> tuple[Terrain, CommonBins, float]:
     """Terrain, common bins and the uniform belief's entropy on a map."""
     terrain, bins = Terrain(grid, radius), CommonBins(grid)
-    middle = grid.to_metres(terrain.open_cells[:, ::-1] + 0.5)
+    middle = grid.to_metres(terrain.open_cells[:, ::-1].astype(np.float64) + 0.5)
     poses = np.column_stack([middle, np.zeros(len(middle))])
     place = np.bincount(bins.index(poses) // bins.n_headings)
     return terrain, bins, entropy(place / place.sum()) + float(np.log(bins.n_headings))
@@ -363,7 +363,8 @@ class ParticleBelief:
 
     def _masses(self, cloud: _Cloud, weights: NDArray[np.float64]) -> NDArray[np.float64]:
         bins = _ground(cloud.grid, self.motion.radius)[1]
-        return np.bincount(bins.index(cloud.poses), weights, minlength=len(bins))
+        masses = np.bincount(bins.index(cloud.poses), weights, minlength=len(bins))
+        return masses.astype(np.float64)
 
     def summarise(self, robot: int) -> Summary:
         """See :class:`Belief`."""
@@ -403,7 +404,7 @@ class ParticleBelief:
         heading = np.floor((cloud.poses[:, 2] + np.pi) / (2.0 * np.pi) * headings).astype(np.int64)
         flat = (heading % headings) * (rows * cols) + pixel
         masses = np.bincount(flat, cloud.weights, minlength=headings * rows * cols)
-        return masses.reshape(headings, rows, cols)
+        return masses.reshape(headings, rows, cols).astype(np.float64)
 
     def sample(self, robot: int, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """See :class:`Belief`; systematic."""

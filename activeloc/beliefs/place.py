@@ -15,7 +15,7 @@ followed by odometry from the heading at which the place was entered.
 
 from __future__ import annotations
 
-from copy import deepcopy
+from copy import copy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +45,9 @@ class PlaceMemory:
 
     def copy(self) -> PlaceMemory:
         """An independent copy, to be advanced in imagination."""
-        return deepcopy(self)
+        twin = copy(self)
+        twin.readings, twin.refused = self.readings.copy(), self.refused.copy()
+        return twin
 
     def move(self, u: NDArray[np.float64]) -> None:
         """Follow an odometry reading ``(3,)``: rotation, translation, rotation."""

@@ -126,7 +126,7 @@ class PoseGrid:
 
     def sub_poses(self) -> NDArray[np.float64]:
         """``(C, SUB * SUB, 2)``; x and y of every sub-pose [m], open or not."""
-        corner = self.cells[:, None, ::-1].astype(np.float64) + self.lattice
+        corner: NDArray[np.float64] = self.cells[:, None, ::-1].astype(np.float64) + self.lattice
         result: NDArray[np.float64] = corner * self.cell_size + self.terrain.grid.origin
         return result
 

@@ -1,0 +1,80 @@
+"""What a robot can be told to do: a table of commands, or a continuous pair."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from activeloc import checks
+from activeloc.errors import ActionError
+
+
+@dataclass(frozen=True, slots=True)
+class Actions:
+    """The action space and the commands that its actions stand for.
+
+    Attributes:
+        kind: ``discrete`` (0 turn left, 1 turn right, 2 drive forward, and 3 stay if there is one)
+            or ``continuous`` (a pair in [-1, 1]: turn from right to left, then drive from nothing
+            to all of ``forward``).
+        turn: Angle of a turn [rad].
+        forward: Length of a drive [m].
+        stay: Whether there is an action that does nothing but read the sensor.
+
+    Raises:
+        ConfigError: If a value is out of its range.
+    """
+
+    kind: str = "discrete"
+    turn: float = float(np.pi / 6.0)
+    forward: float = 0.5
+    stay: bool = False
+
+    def __post_init__(self) -> None:
+        checks.choice("actions.kind", self.kind, ("discrete", "continuous"))
+        checks.number("actions.turn", self.turn, 0.0, np.pi, above_low=True)
+        checks.number("actions.forward", self.forward, 0.0, 100.0, above_low=True)
+        checks.boolean("actions.stay", self.stay)
+
+    @property
+    def space(self) -> gym.spaces.Space[Any]:
+        """The action space of one robot."""
+        if self.kind == "continuous":
+            return gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
+        return gym.spaces.Discrete(len(self.commands))
+
+    @property
+    def commands(self) -> NDArray[np.float64]:
+        """``(A, 3)``; the command of each discrete action: rotation, translation, rotation."""
+        table = [[self.turn, 0.0, 0.0], [-self.turn, 0.0, 0.0], [0.0, self.forward, 0.0]]
+        return np.array([*table, [0.0, 0.0, 0.0]] if self.stay else table)
+
+    def command(self, action: object) -> NDArray[np.float64]:
+        """The command ``(3,)`` that an action stands for.
+
+        Raises:
+            ActionError: If the action is not in the space.
+        """
+        if self.kind == "continuous":
+            return self._continuous(action)
+        given = np.asarray(action) if action is not None else np.array(np.nan)
+        n = len(self.commands)
+        if given.dtype.kind not in "iu" or given.ndim != 0 or not 0 <= int(given) < n:
+            raise ActionError(f"action must be an integer in [0, {n - 1}]; got {action!r}")
+        return self.commands[int(given)]
+
+    def _continuous(self, action: object) -> NDArray[np.float64]:
+        try:
+            given = np.asarray(action)
+        except ValueError:
+            given = np.array("ragged")
+        if given.dtype.kind not in "iuf" or given.shape != (2,):
+            raise ActionError(f"action must be two numbers in [-1, 1]; got {action!r}")
+        if not (np.abs(given) <= 1.0 + 1e-6).all():
+            raise ActionError(f"action must be two numbers in [-1, 1]; got {action!r}")
+        turn, drive = np.clip(given.astype(np.float64), -1.0, 1.0)
+        return np.array([turn * self.turn, 0.5 * (drive + 1.0) * self.forward, 0.0])

@@ -1,0 +1,390 @@
+"""The state machine of a batch of episodes: reset some robots, step all; arrays in, arrays out.
+
+Both faces of the environment, for one robot and for many, are thin: this is where an episode
+happens. One step is: command -> simulator (odometry, scan) -> belief (predict, correct) -> task,
+reward, observation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activeloc import checks
+from activeloc.beliefs import Belief, Summary
+from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig
+from activeloc.beliefs.particles import ParticleBelief, ParticleConfig
+from activeloc.configuration import build, build_kind, unknown
+from activeloc.envs.actions import Actions
+from activeloc.envs.observations import ObservationConfig, observe
+from activeloc.envs.rewards import RewardWeights
+from activeloc.envs.tasks import Task, is_near, pose_error
+from activeloc.errors import ActionError, ConfigError
+from activeloc.grid import OccupancyGrid
+from activeloc.maps import MapSource
+from activeloc.motion import MotionModel
+from activeloc.sensors import BeamModel, LikelihoodField, RangeSensor
+from activeloc.simulator import Simulator
+
+SENSORS = {"beam": BeamModel, "field": LikelihoodField}
+BELIEFS = {"histogram": HistogramConfig, "particles": ParticleConfig}
+WORLDS = ("continuous", "discrete")
+RESET_OPTIONS = ("map", "grid", "pose")
+
+
+@dataclass(frozen=True)
+class EpisodeConfig:
+    """Everything that defines an environment, typed and checked.
+
+    Attributes:
+        task: The problem.
+        map: Where the maps come from.
+        belief: Settings of the filter.
+        sensor: The true sensor.
+        motion: The true motion model.
+        actions: What the robot can be told.
+        reward: Weights of the reward's terms.
+        observation: Resolution of the world view.
+        world: ``continuous``, or ``discrete``: the filter's own discretisation made true.
+        filter_sensor: The sensor that the filter assumes; the true one if None.
+        filter_motion: The motion model that the filter assumes; the true one if None.
+    """
+
+    task: Task = field(default_factory=Task)
+    map: MapSource = field(default_factory=lambda: MapSource.parse("office"))
+    belief: HistogramConfig | ParticleConfig = field(default_factory=HistogramConfig)
+    sensor: RangeSensor = field(default_factory=BeamModel)
+    motion: MotionModel = field(default_factory=MotionModel)
+    actions: Actions = field(default_factory=Actions)
+    reward: RewardWeights = field(default_factory=RewardWeights)
+    observation: ObservationConfig = field(default_factory=ObservationConfig)
+    world: str = "continuous"
+    filter_sensor: RangeSensor | None = None
+    filter_motion: MotionModel | None = None
+
+    @classmethod
+    def build(cls, settings: Mapping[str, Any]) -> EpisodeConfig:
+        """From the environment's keyword arguments: objects, mappings or names.
+
+        Raises:
+            ConfigError: If a name is unknown or a value is refused.
+            MapError: If a map cannot be read.
+        """
+        known = [*cls.__dataclass_fields__]
+        for name in settings:
+            if name not in known:
+                raise unknown("environment", name, known)
+        given = {name: settings.get(name) for name in known}
+        actions = given["actions"]
+        if actions == "discrete+stay":
+            actions = Actions(stay=True)
+        elif isinstance(actions, str):
+            actions = {"kind": actions}
+        task = {"kind": given["task"]} if isinstance(given["task"], str) else given["task"]
+        config = cls(
+            task=build(Task, task, "task"),
+            map=MapSource.parse(given["map"] if given["map"] is not None else "office"),
+            belief=build_kind(BELIEFS, given["belief"], "belief", "histogram"),
+            sensor=build_kind(SENSORS, given["sensor"], "sensor", "beam"),
+            motion=build(MotionModel, given["motion"], "motion"),
+            actions=build(Actions, actions, "actions"),
+            reward=build(RewardWeights, given["reward"], "reward"),
+            observation=build(ObservationConfig, given["observation"], "observation"),
+            world="continuous" if given["world"] is None else given["world"],
+            filter_sensor=None
+            if given["filter_sensor"] is None
+            else build_kind(SENSORS, given["filter_sensor"], "filter_sensor", "beam"),
+            filter_motion=None
+            if given["filter_motion"] is None
+            else build(MotionModel, given["filter_motion"], "filter_motion"),
+        )
+        checks.choice("world", config.world, WORLDS)
+        if config.filter_sensor is not None and len(config.filter_sensor.bearings) != len(
+            config.sensor.bearings
+        ):
+            raise ConfigError(
+                f"filter_sensor must have the sensor's {len(config.sensor.bearings)} beams; "
+                f"got {len(config.filter_sensor.bearings)}"
+            )
+        return config
+
+
+@dataclass(frozen=True, slots=True)
+class Knowledge:
+    """What a robot knows: all that an agent may look at. The truth is not in it.
+
+    Attributes:
+        belief: The filters of the batch.
+        robot: Which of them is this robot's.
+        actions: What it can be told.
+        motion: The motion model that the filter assumes.
+        sensor: The sensor that the filter assumes.
+        summary: What the belief says in short.
+        scan: ``(B,)`` last scan [m].
+        u: ``(3,)`` last odometry reading; zeros at the start.
+        touched: Whether the last motion was stopped by an obstacle.
+        step: Steps taken.
+    """
+
+    belief: Belief
+    robot: int
+    actions: Actions
+    motion: MotionModel
+    sensor: RangeSensor
+    summary: Summary
+    scan: NDArray[np.float64]
+    u: NDArray[np.float64]
+    touched: bool
+    step: int
+
+
+@dataclass(slots=True)
+class _Episode:
+    """One robot's episode."""
+
+    rng: np.random.Generator
+    summary: Summary
+    scan: NDArray[np.float64]
+    kidnap_step: int
+    kidnap_pose: NDArray[np.float64]
+    u: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    touched: bool = False
+    step: int = 0
+    held: int = 0
+    armed: bool = True
+    kidnapped: bool = False
+    impossible: int = 0
+    over: bool = False
+    right: bool = False
+    wrong: bool = False
+    terms: dict[str, float] = field(default_factory=dict)
+
+
+class Episodes:
+    """B robots, their beliefs and their episodes.
+
+    Args:
+        config: What to play.
+        n_robots: B.
+    """
+
+    def __init__(self, config: EpisodeConfig, n_robots: int) -> None:
+        self.config = config
+        self.n_robots = n_robots
+        self.filter_sensor = config.filter_sensor or config.sensor
+        self.filter_motion = config.filter_motion or config.motion
+        self.simulator = Simulator(n_robots, config.sensor, config.motion, self._redraw())
+        self.belief = self._make_belief()
+        self._episodes: list[_Episode | None] = [None] * n_robots
+
+    def _redraw(self) -> tuple[float, int] | None:
+        if self.config.world == "continuous":
+            return None
+        belief = self.config.belief
+        if isinstance(belief, HistogramConfig):
+            return belief.cell_size, belief.headings
+        raise ConfigError("world='discrete' is the histogram filter's; belief is 'particles'")
+
+    def _make_belief(self) -> HistogramBelief | ParticleBelief:
+        belief = self.config.belief
+        if self.config.task.kind == "kidnapped" and belief.leak == 0.0:
+            belief = replace(belief, leak=self.config.task.kidnap_leak)
+        if isinstance(belief, HistogramConfig):
+            return HistogramBelief(self.n_robots, belief, self.filter_sensor, self.filter_motion)
+        return ParticleBelief(self.n_robots, belief, self.filter_sensor, self.filter_motion)
+
+    def episode(self, robot: int) -> _Episode:
+        """A robot's episode.
+
+        Raises:
+            ActionError: If it has not been reset.
+        """
+        episode = self._episodes[robot]
+        if episode is None:
+            raise ActionError("step() before reset()")
+        return episode
+
+    def knowledge(self, robot: int) -> Knowledge:
+        """What a robot knows."""
+        episode = self.episode(robot)
+        return Knowledge(
+            self.belief,
+            robot,
+            self.config.actions,
+            self.filter_motion,
+            self.filter_sensor,
+            episode.summary,
+            episode.scan.copy(),
+            episode.u.copy(),
+            episode.touched,
+            episode.step,
+        )
+
+    def reset(
+        self, robot: int, rng: np.random.Generator, options: Mapping[str, Any] | None = None
+    ) -> None:
+        """Start a robot's next episode.
+
+        Args:
+            robot: Which one.
+            rng: Source of all that is random in the episode.
+            options: ``grid`` (an :class:`OccupancyGrid`) or ``map`` (as the environment's), and
+                ``pose`` ``(3,)``, to start where a caller says.
+
+        Raises:
+            ConfigError: If an option is unknown.
+            MapError: If the robot cannot be at the pose.
+        """
+        world, filter_rng = rng.spawn(2)
+        grid, pose = self._start(world, options or {})
+        self.simulator.place(robot, grid, world, pose)
+        truth = self.simulator.poses[robot].copy()
+        task = self.config.task
+        offset = world.standard_normal(3) * [task.sigma_xy, task.sigma_xy, task.sigma_theta]
+        kidnap_step = int(world.integers(task.kidnap_first, task.kidnap_last + 1))
+        kidnap_pose = self.simulator.terrain(robot).uniform_poses(world.random((1, 4)))[0]
+        self._start_belief(robot, grid, filter_rng, truth + offset)
+        scan = self.simulator.scan(robot, world)
+        impossible = self.belief.correct(robot, scan) == -np.inf
+        self._episodes[robot] = _Episode(
+            world,
+            self.belief.summarise(robot),
+            scan,
+            kidnap_step,
+            kidnap_pose,
+            armed=task.kind != "kidnapped",
+            impossible=int(impossible),
+        )
+
+    def _start(
+        self, world: np.random.Generator, options: Mapping[str, Any]
+    ) -> tuple[OccupancyGrid, NDArray[np.float64] | None]:
+        for name in options:
+            if name not in RESET_OPTIONS:
+                raise unknown("reset options", name, RESET_OPTIONS)
+        grid = self.config.map.draw(world) if "map" not in options else None
+        if "map" in options:
+            grid = MapSource.parse(options["map"]).draw(world)
+        if options.get("grid") is not None:
+            grid = options["grid"]
+        if not isinstance(grid, OccupancyGrid):
+            raise ConfigError(f"reset options: grid must be an OccupancyGrid; got {type(grid)}")
+        return grid, options.get("pose")
+
+    def _start_belief(
+        self,
+        robot: int,
+        grid: OccupancyGrid,
+        rng: np.random.Generator,
+        near: NDArray[np.float64],
+    ) -> None:
+        task, belief = self.config.task, self.belief
+        sigma = (task.sigma_xy, task.sigma_theta)
+        if isinstance(belief, HistogramBelief):
+            if task.start_known:
+                belief.reset_near(robot, grid, near, sigma)
+            else:
+                belief.reset(robot, grid)
+        elif task.start_known:
+            belief.reset_near(robot, grid, rng, near, sigma)
+        else:
+            belief.reset(robot, grid, rng)
+
+    def step(self, robot: int, action: object) -> None:
+        """Play one step of a robot's episode; the results are read with the methods below.
+
+        Raises:
+            ActionError: If the action is not in the space or the episode is over; nothing changes.
+        """
+        episode = self.episode(robot)
+        if episode.over:
+            raise ActionError("step() after the episode has ended: call reset()")
+        command = self.config.actions.command(action)
+        before = self.entropy_fraction(robot)
+        episode.step += 1
+        episode.u = self.simulator.step(robot, command, episode.rng)
+        episode.touched = bool(self.filter_motion.touched(command, episode.u))
+        if self.config.task.kind == "kidnapped" and episode.step == episode.kidnap_step:
+            self.simulator.poses[robot] = episode.kidnap_pose
+            episode.kidnapped = True
+        episode.scan = self.simulator.scan(robot, episode.rng)
+        self.belief.predict(robot, episode.u, episode.touched)
+        if self.belief.correct(robot, episode.scan) == -np.inf:
+            episode.impossible += 1
+        episode.summary = self.belief.summarise(robot)
+        self._declare(robot, episode)
+        episode.terms = self.config.reward.terms(
+            before, self.entropy_fraction(robot), episode.right, episode.wrong
+        )
+
+    def _declare(self, robot: int, episode: _Episode) -> None:
+        """End the episode when the belief has been sure for long enough."""
+        task = self.config.task
+        sure = episode.summary.mass >= task.confidence
+        if episode.kidnapped and not sure:
+            episode.armed = True
+        episode.held = episode.held + 1 if sure and episode.armed else 0
+        if task.declares and episode.held >= task.hold:
+            near = is_near(*pose_error(episode.summary.estimate, self.simulator.poses[robot]))
+            episode.over, episode.right, episode.wrong = True, near, not near
+
+    def entropy_fraction(self, robot: int) -> float:
+        """Entropy of a robot's belief as a fraction of the uniform belief's."""
+        summary = self.episode(robot).summary
+        return summary.entropy / max(summary.uniform_entropy, 1e-9)
+
+    def terminated(self, robot: int) -> bool:
+        """Whether a declaration has ended the episode."""
+        return self.episode(robot).over
+
+    def reward(self, robot: int) -> float:
+        """The last step's reward."""
+        return float(sum(self.episode(robot).terms.values()))
+
+    def observation(self, robot: int) -> dict[str, NDArray[Any]]:
+        """See :func:`activeloc.envs.observations.observe`."""
+        episode = self.episode(robot)
+        return observe(
+            self.config.observation,
+            self.belief,
+            robot,
+            episode.summary,
+            episode.scan,
+            self.config.sensor.z_max,
+            episode.u,
+            episode.touched,
+        )
+
+    def info(self, robot: int) -> dict[str, Any]:
+        """Scores of a robot's episode so far: plain numbers, the same keys at every step.
+
+        ``entropy`` [nat], ``entropy_fraction`` of the uniform belief's, ``mass`` near the estimate,
+        ``error_m`` and ``error_rad`` of the estimate, ``is_success`` and ``wrong`` (a declaration;
+        in tracking, whether the estimate is near the truth now, and sure but not near),
+        ``impossible`` scans so far, ``touched``, ``kidnapped``, and the reward's terms.
+        """
+        episode = self.episode(robot)
+        summary = episode.summary
+        error_m, error_rad = pose_error(summary.estimate, self.simulator.poses[robot])
+        right, wrong = episode.right, episode.wrong
+        if not self.config.task.declares:
+            right = is_near(error_m, error_rad)
+            wrong = not right and summary.mass >= self.config.task.confidence
+        terms = episode.terms or dict.fromkeys(self.config.reward.terms(0, 0, False, False), 0.0)
+        return {
+            "entropy": summary.entropy,
+            "entropy_fraction": self.entropy_fraction(robot),
+            "mass": summary.mass,
+            "error_m": error_m,
+            "error_rad": error_rad,
+            "is_success": right,
+            "wrong": wrong,
+            "impossible": episode.impossible,
+            "touched": episode.touched,
+            "kidnapped": episode.kidnapped,
+            **{f"reward_{name}": value for name, value in terms.items()},
+        }
