@@ -84,7 +84,8 @@ class Cave:
                 )
             except MapError:  # Nowhere is there room for the robot.
                 continue
-            if grid.free.mean() >= self.min_share:
+            # The swept floor may hold a place where the disc fits but that it cannot get to.
+            if grid.free.mean() >= self.min_share and is_one_space(grid):
                 return grid
         raise give_up(self, f"cave with {self.min_share:g} of the map free")
 
@@ -106,17 +107,10 @@ class Cave:
 
 
 def _keep_one_space(grid: OccupancyGrid) -> OccupancyGrid:
-    """The map whose free space is what a robot's disc sweeps in its largest part.
-
-    Sweeping can join narrow places to the outline of wide ones, so it is repeated until all that
-    fits the disc hangs together.
-    """
+    """The map whose free space is what a robot's disc sweeps in its largest part."""
     disc = _disc(ROBOT_RADIUS / grid.resolution)
-    while True:
-        swept = ndimage.binary_dilation(grid.passable(ROBOT_RADIUS), disc) & grid.free
-        grid = OccupancyGrid((~swept).astype(np.uint8), grid.resolution, name=grid.name)
-        if is_one_space(grid):
-            return grid
+    swept = ndimage.binary_dilation(grid.passable(ROBOT_RADIUS), disc) & grid.free
+    return OccupancyGrid((~swept).astype(np.uint8), grid.resolution, name=grid.name)
 
 
 def _disc(radius: float) -> NDArray[np.bool_]:

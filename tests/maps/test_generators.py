@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
-from activeloc.maps import GENERATORS, office, rooms
+from activeloc.maps import GENERATORS, cave, office, rooms
 from activeloc.maps.cave import Cave
 from activeloc.maps.office import Office
 from activeloc.maps.parameters import is_symmetric
@@ -107,8 +107,16 @@ def test_symmetry_is_seen():
     assert not is_symmetric(np.array([[0, 1, 1], [0, 0, 0]], np.uint8))
 
 
-@pytest.mark.parametrize(("module", "generator"), [(office, Office()), (rooms, Rooms())])
-@pytest.mark.parametrize("name", ["is_symmetric", "is_one_space"])
+@pytest.mark.parametrize(
+    ("module", "generator", "name"),
+    [
+        pytest.param(office, Office(), "is_symmetric", id="office-symmetric"),
+        pytest.param(office, Office(), "is_one_space", id="office-shut"),
+        pytest.param(rooms, Rooms(), "is_symmetric", id="rooms-symmetric"),
+        pytest.param(rooms, Rooms(), "is_one_space", id="rooms-shut"),
+        pytest.param(cave, Cave(), "is_one_space", id="cave-shut"),
+    ],
+)
 def test_a_building_that_will_not_do_is_drawn_again(monkeypatch, module, generator, name):
     rng = np.random.default_rng(0)
     generator.generate(rng)
@@ -219,9 +227,9 @@ def test_refuses(generator, parameters, message):
 
 
 def test_gives_up_where_no_draw_can_be_right():
-    cave = Cave(width=4.0, height=4.0, rock=0.6, min_share=0.9)
+    solid = Cave(width=4.0, height=4.0, rock=0.6, min_share=0.9)
     with pytest.raises(ConfigError, match=r"100 draws gave no cave with 0\.9 of the map free"):
-        draw(cave, 0)
+        draw(solid, 0)
 
 
 @pytest.mark.parametrize("name", GENERATORS)
