@@ -29,7 +29,8 @@ MARGIN = 1e-6
 def wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:
     """The same angles in ``[-pi, pi)`` [rad]."""
     result: NDArray[np.float64] = (np.asarray(angle) + np.pi) % (2.0 * np.pi) - np.pi
-    return result
+    # Just under -pi the remainder is rounded up to the full circle.
+    return np.where(result >= np.pi, -np.pi, result)
 
 
 @dataclass(frozen=True, slots=True)

@@ -158,4 +158,6 @@ def cast_scan(
     out = np.empty((len(flat), len(bearings)))
     bearings = np.ascontiguousarray(bearings, dtype=np.float64)
     cast_beams(grid.blocked, in_cells, bearings, z_max / grid.resolution, out)
-    return (out * grid.resolution).reshape(*poses.shape[:-1], len(bearings))
+    # Sensors compare with z_max, which (z_max / resolution) * resolution may miss by a rounding.
+    out = np.where(out >= z_max / grid.resolution, z_max, out * grid.resolution)
+    return out.reshape(*poses.shape[:-1], len(bearings))

@@ -64,20 +64,22 @@ class ActiveMarkovAgent:
         return action_for(knowledge.actions, self._walk.pop(0))
 
     def _choose(self, knowledge: Knowledge) -> list[int]:
-        """The walk of the greatest utility; the first of equals."""
+        """The walk of the greatest utility; the first of equals. No way that has been refused."""
         here = Imagined.here(knowledge, self.samples, self.rng)
         before = sampled_entropy(knowledge, here.poses)
         best, chosen = -np.inf, [LEFT]
         for turns in self._turns(knowledge):
             command = np.array([np.sign(turns) * knowledge.actions.turn, 0.0, 0.0])
             there = here.after(knowledge, command, self.rng, abs(turns))
+            if there.place_if_free.is_refused:
+                continue
             done = 0
             for drives in self._drives(knowledge):
                 command = np.array([0.0, knowledge.actions.forward, 0.0])
                 there = there.after(knowledge, command, self.rng, drives - done)
                 done = drives
                 utility = self._utility(knowledge, there, before, abs(turns) + drives)
-                if utility > best and (turns or not here.place_if_free.is_refused):
+                if utility > best:
                     best = utility
                     chosen = [LEFT if turns > 0 else RIGHT] * abs(turns) + [FORWARD] * drives
         return chosen

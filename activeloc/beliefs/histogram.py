@@ -41,6 +41,7 @@ class HistogramConfig:
         cell_size: Side of a cell [m].
         headings: Number of heading bins, even.
         reading_bin: Greatest width of the bins that readings are sorted into [m].
+        likelihood_power: Exponent on each reading's likelihood.
         repetition: Ratio of the variances of a reading's own and of its shared sub-cell error; a
             direction read again from one place counts less, ``inf`` counts it in full.
         sectors: Directions told apart when readings and contacts are remembered.
@@ -60,6 +61,7 @@ class HistogramConfig:
     cell_size: float = 0.2
     headings: int = 72
     reading_bin: float = 0.1
+    likelihood_power: float = 1.0
     repetition: float = 1.0
     sectors: int = 12
     place_size: float = 0.25
@@ -71,6 +73,7 @@ class HistogramConfig:
 
     def __post_init__(self) -> None:
         checks.number("belief.cell_size", self.cell_size, 0.01, 10.0)
+        checks.number("belief.likelihood_power", self.likelihood_power, 0.0, 1.0, above_low=True)
         checks.integer("belief.headings", self.headings, 4, 720)
         if self.headings % 2:
             raise ConfigError(f"belief.headings must be even; got {self.headings}")
@@ -357,7 +360,7 @@ class HistogramBelief:
             return 0.0
         bearings = self.sensor.bearings
         weights = np.zeros(len(readings))
-        weights[valid] = track.place.weigh(bearings[valid])
+        weights[valid] = self.config.likelihood_power * track.place.weigh(bearings[valid])
         track.place.read(bearings[valid])
         score = np.empty(track.bel.shape)
         total, shift = kernels.correct(

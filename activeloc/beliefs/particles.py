@@ -252,6 +252,10 @@ class ParticleBelief:
         cloud = self._cloud(robot)
         return cloud.poses.copy(), cloud.weights
 
+    def n_particles(self, robot: int) -> int:
+        """How many particles there are now."""
+        return len(self._cloud(robot).poses)
+
     def terrain(self, robot: int) -> Terrain:
         """See :class:`Belief`."""
         return _ground(self._cloud(robot).grid, self.motion.radius)[0]

@@ -74,4 +74,5 @@ SCHEMES: dict[str, Scheme] = {
 def effective_sample_size(weights: NDArray[np.float64]) -> float:
     """``(sum w)^2 / sum w^2``: how many equal particles the weights are worth, in [1, N]."""
     w = np.asarray(weights, dtype=np.float64)
+    w = w / w.max()  # Squares of the smallest weights would underflow.
     return float(w.sum() ** 2 / (w**2).sum())

@@ -179,7 +179,7 @@ def _fill_rows(
                 for e in range(start[k * n_subs + s], start[k * n_subs + s + 1]):
                     if _at(index, row + step[e, 0], col + step[e, 1]) >= 0:
                         landing += share[e]
-                plain = plain and length >= safe and landing > 0.999
+                plain = plain and length >= safe and landing > 0.9999
                 # A way that is open along the bin's centre but ends on no cell of the belief.
                 if landing < 1e-3:
                     p_free = 0.0

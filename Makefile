@@ -1,0 +1,42 @@
+# `make demo` and `make test` do all the set-up on a fresh machine: they make .venv and fill it.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+STAMP := $(VENV)/.installed
+
+.PHONY: demo test lint figures bench clean
+
+$(VENV)/bin/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(STAMP)-demo: $(VENV)/bin/python pyproject.toml constraints.txt
+	$(PIP) -e ".[plot]"
+	touch $@
+
+$(STAMP)-dev: $(VENV)/bin/python pyproject.toml constraints.txt
+	$(PIP) -e ".[dev]"
+	touch $@ $(STAMP)-demo
+
+demo: $(STAMP)-demo  ## a table of agents, curves and a film, in demo/
+	$(BIN)/activeloc evaluate --map office:0-3 --agents random,spin,greedy,active \
+	    --episodes 8 --steps 100 --seed 1 --jobs 2 --out demo --overwrite
+	$(BIN)/activeloc run --map office:0 --agent active --seed 4 --out demo/active.gif
+	@echo "demo/ holds entropy.png, episodes.csv, curves.csv, summary.json and active.gif"
+
+test: $(STAMP)-dev lint  ## every quick check
+	$(BIN)/python -m pytest -n 2 --dist loadfile --cov --cov-report=term --cov-fail-under=90
+
+lint: $(STAMP)-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+figures: $(STAMP)-dev  ## the slow checks, at full sample size
+	$(BIN)/python -m pytest -m slow -v -s
+
+bench: $(STAMP)-dev  ## cost of the kernels and of a step
+	$(BIN)/python -m benchmarks
+
+clean:
+	rm -rf $(VENV) demo

@@ -1,0 +1,156 @@
+"""``activeloc evaluate``: agents play the same episodes."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from activeloc.cli import settings as options
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from activeloc.agents.evaluation import Record, Report, Sweep
+
+HELP = """Let agents play the same episodes and say how well they do, with 95 % intervals.
+
+Episode i has the same map, start and noise for every agent; the results do not depend on --jobs.
+A run that is stopped goes on where it was when the same command is given again.
+
+\b
+Four agents, 64 episodes each in four office buildings, on 4 processes:
+  activeloc evaluate --map office:0-3 --episodes 64 --jobs 4 --out results
+Two agents on your own map, with a sensor that sees 3 m:
+  activeloc evaluate --agents greedy,active --map home.yaml \\
+      --set sensor.z_max=3 --out results-home
+The particle filter, tracking, with 75 steps an episode:
+  activeloc evaluate --env PositionTracking-v0 --belief particles \\
+      --steps 75 --out results-tracking
+
+\b
+Into DIR: episodes.csv  a row for each episode (entropy [nat], errors [m], [rad])
+          curves.csv    entropy by step, as a fraction of the uniform belief's
+          summary.json  scores, intervals, differences, configuration, timings
+          entropy.png   the curves, where matplotlib is installed
+"""
+
+
+def evaluate(
+    out: Annotated[Path, typer.Option("--out", help="Folder of the results.", metavar="DIR")],
+    env: options.Env = "activeloc/GlobalLocalization-v0",
+    agents: Annotated[
+        str,
+        typer.Option(
+            "--agents",
+            help="Names, with commas between; differences are taken against the first.",
+            metavar="NAMES",
+        ),
+    ] = "random,spin,greedy,active",
+    map_spec: options.Map = "office:0-3",
+    belief: options.Belief = "histogram",
+    episodes: Annotated[
+        int, typer.Option("--episodes", help="How many each agent plays.", metavar="N")
+    ] = 16,
+    seed: options.Seed = 0,
+    jobs: Annotated[int, typer.Option("--jobs", help="Processes that play.", metavar="J")] = 1,
+    steps: options.Steps = None,
+    settings: options.Settings = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Throw away what DIR holds of earlier runs.")
+    ] = False,
+) -> None:
+    """Play a sweep into a folder and print its table."""
+    from activeloc.agents import evaluation
+
+    names = options.split_agents(agents)
+    sweep = options.make_sweep(env, map_spec, belief, names, settings or [], seed, steps, episodes)
+    with _progress(sweep) as progress:
+        try:
+            report = evaluation.evaluate(
+                sweep,
+                out,
+                jobs=jobs,
+                overwrite=overwrite,
+                command=shlex.join(["activeloc", *sys.argv[1:]]),
+                on_record=progress.add,
+            )
+        except KeyboardInterrupt as interrupt:
+            total = len(names) * episodes
+            interrupt.add_note(
+                f"{progress.n_records} of {total} episodes are kept in {out}; "
+                "the same command goes on"
+                if progress.n_records
+                else "no episode was finished"
+            )
+            raise
+    _print(report, out)
+
+
+class _Progress:
+    """A bar for each agent on standard error: episodes played, share right so far."""
+
+    def __init__(self, sweep: Sweep) -> None:
+        from rich.console import Console
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeRemainingColumn,
+        )
+
+        console = Console(stderr=True)
+        self.bars = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[right]}"),
+            TimeRemainingColumn(),
+            console=console,
+            disable=not console.is_terminal,
+        )
+        self.tasks = {
+            name: self.bars.add_task(name, total=sweep.episodes, right="") for name in sweep.agents
+        }
+        self.right = dict.fromkeys(sweep.agents, 0)
+        self.done = dict.fromkeys(sweep.agents, 0)
+
+    @property
+    def n_records(self) -> int:
+        """Episodes played so far, by all agents, in this run and in earlier ones."""
+        return sum(self.done.values())
+
+    def add(self, record: Record) -> None:
+        """Count an episode."""
+        self.done[record.agent] += 1
+        self.right[record.agent] += record.success
+        share = self.right[record.agent] / self.done[record.agent]
+        self.bars.update(self.tasks[record.agent], advance=1, right=f"{share:.0%} right")
+
+
+@contextmanager
+def _progress(sweep: Sweep) -> Iterator[_Progress]:
+    progress = _Progress(sweep)
+    with progress.bars:
+        yield progress
+
+
+def _print(report: Report, folder: Path) -> None:
+    """The tables, what is in the folder, and remarks."""
+    from rich.console import Console
+
+    from activeloc.cli.tables import differences_table, scores_table
+
+    console = Console(highlight=False)
+    console.print(scores_table(report))
+    if report.differences:
+        console.print(differences_table(report))
+    written = ", ".join(sorted(p.name for p in folder.iterdir() if not p.name.startswith(".")))
+    console.print(f"{folder}: {written}", soft_wrap=True)
+    for remark in report.remarks:
+        print(f"activeloc: {remark}", file=sys.stderr)

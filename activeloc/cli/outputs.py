@@ -1,0 +1,25 @@
+"""Files that a subcommand writes: refused before the work rather than after it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from activeloc.errors import ConfigError
+
+
+def check_output(path: Path, suffixes: tuple[str, ...]) -> None:
+    """Refuse a file that could not be written.
+
+    Raises:
+        ConfigError: If its suffix is none of these, it is a folder, or its folder does not exist
+            or cannot be written to.
+    """
+    if path.suffix.lower() not in suffixes:
+        raise ConfigError(f"--out {path}: must end in {' or '.join(suffixes)}")
+    if path.is_dir():
+        raise ConfigError(f"--out {path}: is a folder")
+    if not path.parent.is_dir():
+        raise ConfigError(f"--out {path}: there is no folder {path.parent}")
+    if not os.access(path.parent, os.W_OK):
+        raise ConfigError(f"--out {path}: the folder {path.parent} cannot be written to")

@@ -1,0 +1,138 @@
+"""One agent plays one episode."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from math import fsum
+from time import perf_counter
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from activeloc.agents import make_agent
+from activeloc.agents.evaluation.records import Record, penalised_area
+from activeloc.agents.evaluation.sweep import Sweep
+from activeloc.beliefs.particles import ParticleBelief
+from activeloc.envs.localization import LocalizationEnv
+
+LOST = 1e-3
+"""The truth is lost when less than this of the belief is near it."""
+
+Watch = Callable[[LocalizationEnv, int, dict[str, Any]], None]
+
+
+@dataclass(slots=True)
+class _Tally:
+    """What is noted while an episode is played: at the start and step by step."""
+
+    entropy: list[float]
+    n_particles: list[int | None]
+    start: NDArray[np.float64]
+    rewards: list[float] = field(default_factory=list)
+    act_s: float = 0.0
+    step_s: float = 0.0
+
+
+class Player:
+    """The environment and the agents of a sweep, built once, to play any of its episodes.
+
+    Args:
+        sweep: What may be played.
+        render_mode: Of the environment.
+    """
+
+    def __init__(self, sweep: Sweep, render_mode: str | None = None) -> None:
+        self.sweep = sweep
+        self.env = gym.make(
+            sweep.env,
+            max_episode_steps=sweep.limit,
+            disable_env_checker=True,
+            render_mode=render_mode,
+            **{**sweep.settings, "map": sweep.map},
+        )
+        self.agents = {name: make_agent(name, given) for name, given in sweep.agents.items()}
+        core = self.env.unwrapped
+        assert isinstance(core, LocalizationEnv)
+        self.core = core
+
+    def reset(self, agent: str, episode: int) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Put robot and agent at the start of an episode; returns observation and info."""
+        options = {"map": self.sweep.map.number(self.sweep.map_number(episode))}
+        observation, info = self.env.reset(seed=self.sweep.env_seed(episode), options=options)
+        self.agents[agent].reset(self.sweep.agent_rng(episode))
+        return observation, info
+
+    def rehearse(self, episode: int) -> None:
+        """Take each agent's first step of an episode, so that nothing is refused later.
+
+        Raises:
+            ActiveLocError: If the map, the environment or an agent does not go with the others.
+        """
+        for name, agent in self.agents.items():
+            observation, _ = self.reset(name, episode)
+            self.env.step(agent.act(observation, self.core.knowledge))
+
+    def play(self, agent: str, episode: int, watch: Watch | None = None) -> Record:
+        """Play an episode to its end.
+
+        Args:
+            agent: Its name in the sweep.
+            episode: Which one.
+            watch: Called with the environment, the steps taken and ``info``: at the start and
+                after every step.
+        """
+        observation, info = self.reset(agent, episode)
+        tally = _Tally([info["entropy_fraction"]], [self._n_particles()], self.core.pose)
+        over = False
+        while not over:
+            if watch is not None:
+                watch(self.core, len(tally.rewards), info)
+            knowledge = self.core.knowledge
+            begun = perf_counter()
+            action = self.agents[agent].act(observation, knowledge)
+            chosen = perf_counter()
+            observation, reward, terminated, truncated, info = self.env.step(action)
+            tally.act_s += chosen - begun
+            tally.step_s += perf_counter() - chosen
+            tally.rewards.append(float(reward))
+            tally.entropy.append(info["entropy_fraction"])
+            tally.n_particles.append(self._n_particles())
+            over = terminated or truncated
+        if watch is not None:
+            watch(self.core, len(tally.rewards), info)
+        return self._record(agent, episode, tally, info)
+
+    def _n_particles(self) -> int | None:
+        belief = self.core.knowledge.belief
+        return belief.n_particles(0) if isinstance(belief, ParticleBelief) else None
+
+    def _record(self, agent: str, episode: int, tally: _Tally, info: Mapping[str, Any]) -> Record:
+        """What is kept of an episode that has just ended."""
+        sweep, belief = self.sweep, self.core.knowledge.belief
+        success, wrong = bool(info["is_success"]), bool(info["wrong"])
+        played = len(tally.rewards)
+        n_particles = [n for n in tally.n_particles if n is not None]
+        return Record(
+            agent=agent,
+            map=belief.terrain(0).grid.name,
+            seed=sweep.seed,
+            episode=episode,
+            steps=played if success else sweep.limit,
+            success=success,
+            wrong=wrong,
+            entropy_auc=penalised_area(tally.entropy, wrong, sweep.limit),
+            final_entropy=float(info["entropy"]),
+            error_m=float(info["error_m"]),
+            error_rad=float(info["error_rad"]),
+            total_reward=fsum(tally.rewards),
+            played=played,
+            entropy=tuple(float(value) for value in tally.entropy),
+            start=(float(tally.start[0]), float(tally.start[1]), float(tally.start[2])),
+            truth_lost=belief.mass_near(0, self.core.pose) < LOST,
+            n_particles=fsum(n_particles) / len(n_particles) if n_particles else None,
+            act_ms=1e3 * tally.act_s / played,
+            step_ms=1e3 * tally.step_s / played,
+        )
