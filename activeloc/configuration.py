@@ -53,7 +53,7 @@ def build(cls: type[T], value: object, where: str) -> T:
         if name not in names:
             raise unknown(where, name, names)
         nested = hints[name]
-        if isinstance(given, Mapping) and is_dataclass(nested) and isinstance(nested, type):
+        if is_dataclass(nested) and isinstance(nested, type):
             given = build(nested, given, f"{where}.{name}")
         arguments[name] = given
     return cls(**arguments)
@@ -82,6 +82,6 @@ def build_kind(kinds: Mapping[str, type[Any]], value: object, where: str, defaul
             f"got {value!r}"
         )
     kind = given.get("kind", default)
-    if kind not in kinds:
+    if not isinstance(kind, str) or kind not in kinds:
         raise unknown(where, kind, kinds)
     return build(kinds[kind], {k: v for k, v in given.items() if k != "kind"}, where)

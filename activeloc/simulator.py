@@ -79,7 +79,10 @@ class Simulator:
         terrain = terrain_of(grid, self.motion.radius)
         drawn = terrain.uniform_poses(rng.random((1, 4)))[0]
         if pose is not None:
-            drawn = np.array(pose, dtype=np.float64)
+            try:
+                drawn = np.array(pose, dtype=np.float64)
+            except (TypeError, ValueError):
+                drawn = np.empty(0)
             if drawn.shape != (3,) or not np.isfinite(drawn).all():
                 raise MapError(f"pose must be three finite numbers x, y, theta; got {pose!r}")
             if not bool(terrain.contains(drawn)):

@@ -12,6 +12,7 @@ from activeloc import checks
 from activeloc.agents.commands import FORWARD, LEFT, RIGHT, action_for
 from activeloc.agents.imagination import Imagined, expected_entropy, sampled_entropy
 from activeloc.envs.episodes import Knowledge
+from activeloc.errors import ConfigError
 from activeloc.motion import wrap
 
 
@@ -44,6 +45,10 @@ class ActiveMarkovAgent:
     _walk: list[int] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.distances, list | tuple) or not self.distances:
+            raise ConfigError(
+                f"agent active.distances must be a list of numbers; got {self.distances!r}"
+            )
         for distance in self.distances:
             checks.number("agent active.distances", distance, 0.0, 1e3)
         checks.integer("agent active.bearings", self.bearings, 1, 360)

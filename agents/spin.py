@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from activeloc import checks
 from activeloc.agents.commands import FORWARD, LEFT, RIGHT, action_for
 from activeloc.envs.episodes import Knowledge
 
@@ -26,6 +27,9 @@ class SpinAgent:
     rng: np.random.Generator = field(default_factory=np.random.default_rng, init=False)
     _turned: float = field(default=0.0, init=False)
     _side: int | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        checks.number("agent spin.clearance", self.clearance, 0.0, 1e3)
 
     def reset(self, rng: np.random.Generator) -> None:
         """See :class:`Agent`."""

@@ -61,20 +61,24 @@ class Actions:
         """
         if self.kind == "continuous":
             return self._continuous(action)
-        given = np.asarray(action) if action is not None else np.array(np.nan)
-        n = len(self.commands)
+        given, n = _as_array(action), len(self.commands)
         if given.dtype.kind not in "iu" or given.ndim != 0 or not 0 <= int(given) < n:
             raise ActionError(f"action must be an integer in [0, {n - 1}]; got {action!r}")
         return self.commands[int(given)]
 
     def _continuous(self, action: object) -> NDArray[np.float64]:
-        try:
-            given = np.asarray(action)
-        except ValueError:
-            given = np.array("ragged")
+        given = _as_array(action)
         if given.dtype.kind not in "iuf" or given.shape != (2,):
             raise ActionError(f"action must be two numbers in [-1, 1]; got {action!r}")
         if not (np.abs(given) <= 1.0 + 1e-6).all():
             raise ActionError(f"action must be two numbers in [-1, 1]; got {action!r}")
         turn, drive = np.clip(given.astype(np.float64), -1.0, 1.0)
         return np.array([turn * self.turn, 0.5 * (drive + 1.0) * self.forward, 0.0])
+
+
+def _as_array(action: object) -> NDArray[Any]:
+    """The action as an array; what can be none becomes words, which no space holds."""
+    try:
+        return np.asarray(action)
+    except ValueError:
+        return np.array("ragged")

@@ -205,7 +205,7 @@ class Episodes:
         """
         episode = self._episodes[robot]
         if episode is None:
-            raise ActionError("step() before reset()")
+            raise ActionError(f"step() before reset(): robot {robot} has no episode yet")
         return episode
 
     def knowledge(self, robot: int) -> Knowledge:

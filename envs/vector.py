@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from activeloc import checks
 from activeloc.envs.episodes import EpisodeConfig, Episodes, Knowledge
 from activeloc.errors import ActionError, ConfigError
 
@@ -25,7 +26,8 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
 
     Args:
         num_envs: B.
-        max_episode_steps: Steps after which an episode is truncated; None for never.
+        max_episode_steps: Steps after which an episode is truncated; None or -1 (Gymnasium's word)
+            for never.
         autoreset_mode: ``NEXT_STEP`` (Gymnasium's default) or ``SAME_STEP`` (what SB3 needs); the
             enumeration or its name.
         render_mode: None; pictures are the single environment's.
@@ -53,6 +55,10 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         self.num_envs = num_envs
         self.render_mode = None
         self.metadata = {**self.metadata, "autoreset_mode": _mode(autoreset_mode)}
+        if max_episode_steps == -1:
+            max_episode_steps = None
+        if max_episode_steps is not None:
+            checks.integer("max_episode_steps", max_episode_steps, 1, 2**31)
         self.max_episode_steps = max_episode_steps
         self.config = EpisodeConfig.build(settings)
         self._episodes = Episodes(self.config, num_envs)
@@ -84,6 +90,8 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
             raise ConfigError(f"reset_mask must be {self.num_envs} bools, one true; got {mask!r}")
         seeds = self._seeds(seed)
+        for robot in np.flatnonzero(~mask):
+            self._episodes.episode(int(robot))
         for robot in np.flatnonzero(mask):
             given = seeds[robot]
             if given is not None:
@@ -120,7 +128,7 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
                 self._episodes.step(robot, given[robot])
                 rewards[robot] = self._episodes.reward(robot)
         terminated = np.array([self._episodes.terminated(i) for i in range(self.num_envs)])
-        truncated = ~terminated & ~again & (self._steps() >= self._limit)
+        truncated = ~again & (self._steps() >= self._limit)
         self._done = terminated | truncated
         if self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP and self._done.any():
             return self._reset_done(rewards, terminated, truncated)
@@ -147,10 +155,15 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         return self._observations(), rewards, terminated, truncated, infos
 
     def _checked(self, actions: object) -> list[Any]:
-        given = list(np.asarray(actions))
-        if len(given) != self.num_envs:
-            raise ActionError(f"actions must be {self.num_envs}; got {len(given)}")
-        for action in given:
+        try:
+            array = np.asarray(actions)
+        except ValueError:
+            array = np.array("ragged")
+        if array.ndim == 0 or len(array) != self.num_envs:
+            raise ActionError(f"actions must be {self.num_envs}, one a robot; got {actions!r}")
+        given = list(array)
+        for robot, action in enumerate(given):
+            self._episodes.episode(robot)
             self.config.actions.command(action)
         return given
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass, field
 from functools import lru_cache
-from math import inf, isinf
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import MotionModel, Terrain, wrap
 from activeloc.sensors import RangeSensor
-from activeloc.sensors.readings import check_scan
+from activeloc.sensors.readings import check_scan, widened
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +41,8 @@ class HistogramConfig:
         cell_size: Side of a cell [m].
         headings: Number of heading bins, even.
         reading_bin: Greatest width of the bins that readings are sorted into [m].
+        sigma_factor: By how much the filter widens the sensor's ``sigma_hit``: like rooms lie
+            differently on the grid, and a true-width likelihood takes that for a difference.
         likelihood_power: Exponent on each reading's likelihood.
         repetition: Ratio of the variances of a reading's own and of its shared sub-cell error; a
             direction read again from one place counts less, ``inf`` counts it in full.
@@ -61,8 +63,9 @@ class HistogramConfig:
     cell_size: float = 0.2
     headings: int = 72
     reading_bin: float = 0.1
-    likelihood_power: float = 1.0
-    repetition: float = 1.0
+    sigma_factor: float = 1.5
+    likelihood_power: float = 0.6
+    repetition: float = 0.0
     sectors: int = 12
     place_size: float = 0.25
     contact_floor: float = 0.02
@@ -72,18 +75,20 @@ class HistogramConfig:
     precision: str = "float32"
 
     def __post_init__(self) -> None:
-        checks.number("belief.cell_size", self.cell_size, 0.01, 10.0)
+        checks.number("belief.cell_size", self.cell_size, 0.01, 2.0)
+        checks.number("belief.sigma_factor", self.sigma_factor, 0.1, 100.0)
         checks.number("belief.likelihood_power", self.likelihood_power, 0.0, 1.0, above_low=True)
         checks.integer("belief.headings", self.headings, 4, 720)
         if self.headings % 2:
             raise ConfigError(f"belief.headings must be even; got {self.headings}")
         checks.number("belief.reading_bin", self.reading_bin, 0.0, 1e4, above_low=True)
-        if not (isinstance(self.repetition, float) and isinf(self.repetition)):
+        if self.repetition != inf:
             checks.number("belief.repetition", self.repetition, 0.0, inf)
         checks.integer("belief.sectors", self.sectors, 1, 3600)
         checks.number("belief.place_size", self.place_size, 0.0, 1e3, above_low=True)
-        for name in ("contact_floor", "odometry_floor", "leak"):
-            checks.number(f"belief.{name}", getattr(self, name), 0.0, 1.0)
+        for name in ("contact_floor", "odometry_floor"):
+            checks.number(f"belief.{name}", getattr(self, name), 0.0, 1.0, above_low=True)
+        checks.number("belief.leak", self.leak, 0.0, 1.0)
         checks.number("belief.least", self.least, 0.0, 1e-3)
         checks.choice("belief.precision", self.precision, ("float32", "float64"))
 
@@ -187,7 +192,7 @@ class HistogramBelief:
     ) -> None:
         self.n_robots = n_robots
         self.config = config
-        self.sensor = sensor
+        self.sensor = widened(sensor, config.sigma_factor)
         self.motion = motion
         self._tracks: list[_Track | None] = [None] * n_robots
 

@@ -192,16 +192,17 @@ def normalise(bel: NDArray[np.float32], live: NDArray[np.int32], total: float, l
     for c in live:
         for k in range(bel.shape[1]):
             p = bel[c, k] / total
-            if p < least:
-                p = 0.0
-            bel[c, k] = p
-            kept += p
+            if p >= least:
+                kept += p
+    if kept == 0.0:  # Every state is that small: a wide belief on a large map.
+        least, kept = 0.0, 1.0
     n = 0
     for c in live:
         alive = False
         for k in range(bel.shape[1]):
+            p = bel[c, k] / total
+            bel[c, k] = p / kept if p >= least else 0.0
             if bel[c, k] > 0.0:
-                bel[c, k] /= kept
                 alive = True
         if alive:
             live[n] = c

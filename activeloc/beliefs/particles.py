@@ -11,9 +11,9 @@ a widened and tempered likelihood, roughening, and as many particles as the beli
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
-from math import inf, isinf
+from math import inf
 
 import numpy as np
 from numba import njit
@@ -28,8 +28,8 @@ from activeloc.beliefs.view import view_pixels
 from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import MotionModel, Terrain, move, wrap
-from activeloc.sensors import BeamModel, LikelihoodField, RangeSensor, ReadingBins
-from activeloc.sensors.readings import check_scan, rays_of
+from activeloc.sensors import BeamModel, RangeSensor, ReadingBins
+from activeloc.sensors.readings import check_scan, rays_of, widened
 
 RANGE_STEP = 0.02  # Expected ranges are rounded to this when a reading is looked up [m].
 
@@ -95,7 +95,7 @@ class ParticleConfig:
         checks.number("belief.roughening_xy", self.roughening_xy, 0.0, 10.0)
         checks.number("belief.roughening_theta", self.roughening_theta, 0.0, np.pi)
         checks.number("belief.reading_bin", self.reading_bin, 0.0, 1e4, above_low=True)
-        if not (isinstance(self.repetition, float) and isinf(self.repetition)):
+        if self.repetition != inf:
             checks.number("belief.repetition", self.repetition, 0.0)
         checks.integer("belief.sectors", self.sectors, 1, 3600)
         checks.number("belief.place_size", self.place_size, 0.0, 1e3, above_low=True)
@@ -169,9 +169,7 @@ class ParticleBelief:
     ) -> None:
         self.n_robots = n_robots
         self.config = config
-        if isinstance(sensor, BeamModel | LikelihoodField):
-            sensor = replace(sensor, sigma_hit=config.sigma_factor * sensor.sigma_hit)
-        self.sensor = sensor
+        self.sensor = widened(sensor, config.sigma_factor)
         self.motion = motion
         self.reading_bins = ReadingBins(sensor.z_max, config.reading_bin)
         self._log_p = self._range_table()

@@ -86,7 +86,9 @@ def _count_ranges(
                 for s in range(sub_poses.shape[1]):
                     if is_open[c, s]:
                         z = cast_ray(blocked, sub_poses[c, s, 0], sub_poses[c, s, 1], dx, dy, z_max)
-                        q = n_ranges if z >= z_max else int(z / z_max * n_ranges)
+                        # A range on the edge of a class (a wall met at 60 degrees) goes up in
+                        # every like room, however its coordinates were rounded.
+                        q = n_ranges if z >= z_max else int(z / z_max * n_ranges + 1e-9)
                         counts[c, d, q] += 1
 
 

@@ -76,10 +76,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(given: list[str]) -> int:
     """Run and flush; errors become a line and a code, unless ``--debug`` comes first."""
     try:
-        code = typer.main.get_command(app).main(given, "activeloc", standalone_mode=False)
+        # Not `app()`: it would turn signals and closed pipes into exit codes of its own.
+        command = typer.main.get_command(app)
+        with command.make_context("activeloc", list(given)) as context:
+            command.invoke(context)
         if sys.stdout is not None:
             sys.stdout.flush()
-        return int(code or 0)
+        return 0
+    except typer.Exit as done:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+        return done.exit_code
     except BrokenPipeError:
         raise
     except BaseException as error:

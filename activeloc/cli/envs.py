@@ -20,7 +20,9 @@ def envs() -> None:
         env = gym.make(name, disable_env_checker=True)
         space = env.observation_space
         assert isinstance(space, gym.spaces.Dict)
-        parts = "\n".join(f"{key} {'x'.join(map(str, part.shape or ()))}" for key, part in space.spaces.items())
+        parts = "\n".join(
+            f"{key} {'x'.join(map(str, part.shape or ()))}" for key, part in space.spaces.items()
+        )
         steps = env.spec.max_episode_steps if env.spec is not None else None
         task = str(getattr(env.unwrapped, "config").task.kind)  # noqa: B009
         table.add_row(name, task, str(env.action_space), parts, str(steps))

@@ -146,11 +146,16 @@ def _print(report: Report, folder: Path) -> None:
 
     from activeloc.cli.tables import differences_table, scores_table
 
-    console = Console(highlight=False)
+    console, sweep = Console(highlight=False, markup=False), report.sweep
+    print(
+        f"{sweep.env} on {sweep.map.spec}, {sweep.episodes} episodes of at most {sweep.limit} "
+        "steps;\nunder each score its 95 % interval\n"
+    )
     console.print(scores_table(report))
     if report.differences:
+        print(f"\nless {next(iter(sweep.agents))}'s, on the same episodes:\n")
         console.print(differences_table(report))
     written = ", ".join(sorted(p.name for p in folder.iterdir() if not p.name.startswith(".")))
-    console.print(f"{folder}: {written}", soft_wrap=True)
+    print(f"\n{folder}: {written}")
     for remark in report.remarks:
         print(f"activeloc: {remark}", file=sys.stderr)

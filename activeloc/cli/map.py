@@ -117,7 +117,7 @@ def make(
 def _source(spec: str) -> MapSource:
     from activeloc.maps import MapSource
 
-    return MapSource.parse(Path(spec) if Path(spec).is_dir() else spec)
+    return MapSource.parse(spec)
 
 
 def _one(spec: str) -> OccupancyGrid:

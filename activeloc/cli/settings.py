@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -78,7 +77,7 @@ def make_sweep(
     base = {**ENVIRONMENTS[name], "belief": belief}
     return Sweep(
         env=name,
-        map=MapSource.parse(Path(map_spec) if Path(map_spec).is_dir() else map_spec),
+        map=MapSource.parse(map_spec),
         agents={agent: given.get(agent, {}) for agent in agents},
         settings=_merged(base, tree),
         episodes=episodes,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import degrees, isnan
+from math import isnan
 from typing import TYPE_CHECKING
 
 from rich.table import Table
@@ -13,39 +13,33 @@ if TYPE_CHECKING:
     from activeloc.agents.evaluation import Estimate, Report
 
 _HEADS = {
-    "right": ("right", "{:.2f}"),
-    "wrong": ("wrong\nand sure", "{:.2f}"),
-    "wrong_of_declared": ("wrong of\ndeclared", "{:.2f}"),
-    "steps": ("steps", "{:.0f}"),
-    "entropy_auc": ("area", "{:.2f}"),
-    "error_m": ("error\n[m]", "{:.2f}"),
-    "error_rad": ("error\n[deg]", "{:.0f}"),
+    "right": ("right", ".2f"),
+    "wrong": ("wrong\nand sure", ".2f"),
+    "wrong_of_declared": ("wrong of\ndeclared", ".2f"),
+    "steps": ("steps", ".0f"),
+    "entropy_auc": ("area", ".2f"),
+    "error_m": ("error\n[m]", ".2f"),
 }
 
 
 def scores_table(report: Report) -> Table:
     """A row for each agent, intervals under the scores."""
-    sweep = report.sweep
-    title = (
-        f"{sweep.env} on {sweep.map.spec}: {sweep.episodes} episodes of {sweep.limit} steps at "
-        "most, 95 % intervals"
-    )
-    return _table(title, report.scores, "")
+    return _table(report.scores, "")
 
 
 def differences_table(report: Report) -> Table:
     """A row for each agent but the first: paired differences."""
-    first = next(iter(report.by_agent))
-    return _table(f"less {first}'s, episode by episode", report.differences, "+")
+    return _table(report.differences, "+")
 
 
-def _table(title: str, rows: Mapping[str, Mapping[str, Estimate]], sign: str) -> Table:
-    table = Table(box=None, pad_edge=False, title=title, title_justify="left", title_style="bold")
-    table.add_column("agent")
-    for head, _ in _HEADS.values():
-        table.add_column(head, justify="right", no_wrap=True)
+def _table(rows: Mapping[str, Mapping[str, Estimate]], sign: str) -> Table:
+    names = [name for name in _HEADS if all(name in scores for scores in rows.values())]
+    table = Table(box=None, pad_edge=False)
+    table.add_column("agent", no_wrap=True)
+    for name in names:
+        table.add_column(_HEADS[name][0], justify="right", no_wrap=True)
     for agent, scores in rows.items():
-        table.add_row(agent, *(_cell(name, scores[name], sign) for name in _HEADS))
+        table.add_row(agent, *(_cell(name, scores[name], sign) for name in names))
     return table
 
 
@@ -53,7 +47,6 @@ def _cell(name: str, estimate: Estimate, sign: str) -> str:
     """A score over its interval."""
     if isnan(estimate.value):
         return "-"
-    unit = degrees if name == "error_rad" else float
-    form = _HEADS[name][1].replace(":", f":{sign}")
-    value, low, high = (form.format(unit(x)) for x in (estimate.value, estimate.low, estimate.high))
-    return f"{value}\n{low}..{high}"
+    form = _HEADS[name][1]
+    low, high = f"{estimate.low:z{form}}", f"{estimate.high:z{form}}"
+    return f"{estimate.value:{sign}z{form}}\n{low}..{high}"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,3 +122,12 @@ def check_scan(scan: NDArray[np.float64], sensor: RangeSensor) -> NDArray[np.flo
             f"scan reading {where} is {z[where]:g} m; allowed are [0, {sensor.z_max:g}], NaN, +inf"
         )
     return z
+
+
+def widened(sensor: RangeSensor, factor: float) -> RangeSensor:
+    """The sensor with ``factor`` times its ``sigma_hit``; as it is, if it has none."""
+    given: Any = sensor
+    if factor == 1.0 or not hasattr(given, "sigma_hit"):
+        return sensor
+    result: RangeSensor = replace(given, sigma_hit=factor * given.sigma_hit)
+    return result

@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import activeloc
 from activeloc import plots
 from activeloc.agents.evaluation import statistics
 from activeloc.agents.evaluation.records import Record
@@ -52,7 +53,7 @@ _COLUMNS = {
     "error_rad": "error_rad",
     "return": "total_reward",
 }
-_PACKAGES = ("activeloc", "gymnasium", "numba", "numpy", "scipy")
+_PACKAGES = ("gymnasium", "numba", "numpy", "scipy")
 
 
 class Report:
@@ -133,6 +134,7 @@ class Report:
             "steps": sweep.limit,
             "versions": {
                 "python": platform.python_version(),
+                "activeloc": activeloc.__version__,
                 **{name: metadata.version(name) for name in _PACKAGES},
             },
             "scores": {n: _plain_estimates(scores) for n, scores in self.scores.items()},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -57,7 +58,7 @@ def evaluate(
     player = Player(sweep)
     if overwrite or _units(sweep, stored.records):
         player.rehearse(0)
-    folder.mkdir(parents=True, exist_ok=True)
+    _make(folder)
     with locked(folder):
         if overwrite:
             for name in (FILE_NAME, *RESULTS):
@@ -73,12 +74,22 @@ def _check_folder(folder: Path, overwrite: bool) -> None:
     """Refuse what cannot be the results' folder, and results that nobody can resume."""
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"{folder} is a file; the results need a folder")
+    nearest = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
+    if not nearest.is_dir() or not os.access(nearest, os.W_OK):
+        raise ConfigError(f"{folder}: {nearest} is no folder that can be written to")
     foreign = [name for name in RESULTS if (folder / name).exists()]
     if foreign and not overwrite and not (folder / FILE_NAME).exists():
         raise ConfigError(
             f"{folder} holds {foreign[0]} but not the episodes behind it; "
             "choose another folder or start with --overwrite"
         )
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot make the folder: {error.strerror}") from None
 
 
 def _wanted(sweep: Sweep, records: Sequence[Record]) -> list[Record]:

@@ -93,6 +93,8 @@ def estimates(columns: Columns) -> dict[str, Estimate]:
 def differences(columns: Columns, baseline: Columns) -> dict[str, Estimate]:
     """Each score less the baseline's, over the same episodes.
 
+    But for ``wrong_of_declared``: no two agents declare in the same episodes.
+
     Args:
         columns: As :func:`columns_of` gives them.
         baseline: Of the other agent: the same episodes, in the same order.
@@ -103,6 +105,7 @@ def differences(columns: Columns, baseline: Columns) -> dict[str, Estimate]:
             float(score(columns)) - float(score(baseline)), drawn(score) - drawn_baseline(score)
         )
         for name, score in SCORES.items()
+        if name != "wrong_of_declared"
     }
 
 

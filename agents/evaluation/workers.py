@@ -12,7 +12,7 @@ import signal
 import threading
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -132,19 +132,18 @@ def _answer(worker: _Worker) -> Record | Exception | None:
 
 
 def _work(connection: Connection, sweep: Sweep) -> None:
-    """A worker's life: units in; records out, and None after each unit."""
+    """A worker's life until its parent is gone: units in; records out, and None after each unit."""
     player = Player(sweep)
-    while True:
-        try:
+    with suppress(EOFError, ConnectionError):
+        while True:
             unit = connection.recv()
-        except EOFError:
-            return
-        try:
             for agent in unit.agents:
-                connection.send(player.play(agent, unit.episode))
-        except BrokenPipeError:
-            return
-        except Exception as error:
-            connection.send(error)
-            return
-        connection.send(None)
+                connection.send(_played(player, agent, unit.episode))
+            connection.send(None)
+
+
+def _played(player: Player, agent: str, episode: int) -> Record | Exception:
+    try:
+        return player.play(agent, episode)
+    except Exception as error:
+        return error

@@ -115,7 +115,7 @@ def beliefs(sigma):
     particles.reset(0, grid, rng)
     if sigma is not None:
         poses, terrain = histogram.poses(0), histogram.terrain(0)
-        fine = terrain.uniform_poses(rng.random((2_000_000, 4)))
+        fine = terrain.uniform_poses(rng.random((800_000, 4)))
         weight = np.zeros(len(fine))
         for pose in ((0.6, 2.6, 1.0), (4.9, 3.3, -3.1)):
             offset = fine - pose

@@ -1,0 +1,372 @@
+"""The three problems: when a robot has declared, whether it was right, who carried it off."""
+
+import itertools
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import activeloc  # noqa: F401  (registers the ids)
+from activeloc.beliefs import Summary
+from activeloc.envs.episodes import EpisodeConfig, Episodes
+from activeloc.envs.rewards import RewardWeights
+from activeloc.envs.tasks import Task, is_near, pose_error
+from activeloc.errors import ActionError, ConfigError
+from activeloc.maps import from_text
+
+MAP = "rooms(width=6,height=5,resolution=0.1):1"
+HALL = from_text(
+    """
+####################
+#........#.........#
+#..................#
+#...............#..#
+#........#......#..#
+####..####......#..#
+#........#.........#
+#........#......####
+####################
+""",
+    resolution=0.4,
+    origin=(1.0, -3.0),
+    name="hall",
+)
+BELIEFS = {
+    "histogram": {"kind": "histogram", "cell_size": 0.25, "headings": 36},
+    "particles": {"kind": "particles", "n_min": 200, "n_max": 500},
+}
+IDS = sorted(id for id in gym.registry if id.startswith("activeloc/"))
+GLOBAL = "activeloc/GlobalLocalization-v0"
+TRACKING = "activeloc/PositionTracking-v0"
+KIDNAPPED = "activeloc/KidnappedRobot-v0"
+
+
+class Scripted:
+    """A belief that says what a script tells it to: masses, and how far off the estimate is."""
+
+    def __init__(self, episodes, masses, offset=(0.0, 0.0, 0.0), entropies=None):
+        self.simulator = episodes.simulator
+        self.script = list(masses)
+        self.entropies = list(entropies or [2.0] * len(self.script))
+        self.offset = np.asarray(offset)
+
+    def reset(self, robot, grid, rng):
+        self.step = 0
+
+    def reset_near(self, robot, grid, rng, pose, sigma):
+        self.step, self.told, self.sigma = 0, pose, sigma
+
+    def predict(self, robot, u, touched):
+        self.step += 1
+
+    def correct(self, robot, scan):
+        return 0.0
+
+    def summarise(self, robot):
+        i = min(self.step, len(self.script) - 1)
+        estimate = self.simulator.poses[robot] + self.offset
+        return Summary(self.entropies[i], 4.0, estimate, self.script[i])
+
+
+def scripted(masses, offset=(0.0, 0.0, 0.0), entropies=None, reward=None, seed=0, **task):
+    """Episodes of one robot in the hall whose belief follows a script; reset already."""
+    config = EpisodeConfig.build({"task": task, "map": HALL, "belief": "particles",
+                                  "reward": reward})  # fmt: skip
+    episodes = Episodes(config, 1)
+    episodes.belief = Scripted(episodes, masses, offset, entropies)
+    episodes.reset(0, np.random.default_rng(seed))
+    return episodes
+
+
+def play(episodes, steps):
+    """Turn on the spot; the step after which the episode ended, or None."""
+    for step in range(1, steps + 1):
+        episodes.step(0, 0)
+        if episodes.terminated(0):
+            return step
+    return None
+
+
+def hall_env(id=GLOBAL, belief="histogram", **settings):
+    belief = belief if isinstance(belief, dict) else BELIEFS[belief]
+    return gym.make(id, map=HALL, belief=belief, **settings).unwrapped
+
+
+# --- declarations
+
+
+@pytest.mark.parametrize(
+    ("masses", "hold", "end"),
+    [
+        ([0.1, 0.96, 0.96, 0.96], 3, 3),
+        ([1.0, 0.96, 0.96, 0.96], 3, 3),  # The first scan is no step.
+        ([0.1, 0.96, 0.96, 0.94, 0.96, 0.96, 0.96], 3, 6),  # A doubt starts the count anew.
+        ([0.1, 0.96, 0.94] * 8, 2, None),
+        ([0.1, 0.94, 0.96], 1, 2),
+        ([0.1, 0.95], 1, 1),  # At least the confidence.
+        ([0.1] + [0.9499] * 9, 1, None),
+    ],
+    ids=str,
+)
+def test_a_declaration_takes_confidence_for_some_steps_running(masses, hold, end):
+    assert play(scripted(masses, hold=hold), len(masses) - 1) == end
+
+
+@pytest.mark.parametrize("confidence", [0.5, 0.99])
+def test_the_confidence_is_a_setting(confidence):
+    masses = [0.0, confidence - 1e-6, confidence, confidence - 1e-6, confidence]
+    assert play(scripted(masses, confidence=confidence, hold=1), 4) == 2
+
+
+NEAR = [(0.49, 0.0, 0.0), (0.0, -0.49, 0.0), (0.35, 0.35, 0.3), (0.0, 0.0, np.deg2rad(-19.9))]
+FAR = [(0.51, 0.0, 0.0), (0.0, -0.51, 0.0), (0.36, 0.36, 0.0), (0.0, 0.0, np.deg2rad(20.1)),
+       (0.0, 0.0, np.pi), (3.0, 0.0, 0.0)]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("offset", "right"), [*((o, True) for o in NEAR), *((o, False) for o in FAR)], ids=str
+)
+def test_a_declaration_is_right_if_the_truth_is_near_the_estimate(offset, right):
+    episodes = scripted([0.1, 1.0, 1.0], offset, hold=2)
+    assert play(episodes, 2) == 2
+    info = episodes.info(0)
+    assert (info["is_success"], info["wrong"]) == (right, not right)
+    assert info["reward_success"] == (1.0 if right else 0.0)
+    assert info["reward_wrong"] == (0.0 if right else -1.0)
+    assert info["error_m"] == pytest.approx(np.hypot(*offset[:2]))
+    assert info["error_rad"] == pytest.approx(min(abs(offset[2]), 2 * np.pi - abs(offset[2])))
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0, 0.0), (3.0, 0.0, 0.0)])
+def test_before_a_declaration_nobody_is_right_or_wrong(offset):
+    episodes = scripted([0.1, 1.0, 1.0, 1.0], offset)
+    for _ in range(2):
+        info = episodes.info(0)
+        assert not info["is_success"]
+        assert not info["wrong"]
+        assert info["reward_success"] == info["reward_wrong"] == 0.0
+        episodes.step(0, 0)
+
+
+def test_after_a_declaration_there_is_no_step():
+    episodes = scripted([0.1, 1.0], hold=1)
+    assert play(episodes, 1) == 1
+    before = episodes.info(0)
+    with pytest.raises(ActionError, match="ended"):
+        episodes.step(0, 0)
+    assert episodes.info(0) == before
+    episodes.reset(0, np.random.default_rng(1))
+    assert not episodes.terminated(0)
+    episodes.step(0, 0)
+
+
+@pytest.mark.parametrize("half_turns", [-3, -1, 1, 3])
+def test_an_angle_s_error_is_taken_the_short_way(half_turns):
+    estimate = np.array([1.0, 2.0, 3.1])
+    truth = np.array([1.3, 1.6, 3.1 + half_turns * np.pi + 0.2])
+    metres, radians = pose_error(estimate, truth)
+    assert metres == pytest.approx(0.5)
+    assert radians == pytest.approx(np.pi - 0.2)
+
+
+def test_near_means_within_both_bounds():
+    assert is_near(0.5, np.deg2rad(20.0))
+    assert not is_near(0.5 + 1e-9, 0.0)
+    assert not is_near(0.0, np.deg2rad(20.0) + 1e-9)
+
+
+# --- tracking
+
+
+def test_tracking_never_ends_and_success_follows_the_error():
+    episodes = scripted([1.0], kind="tracking", hold=1)
+    for offset in [*NEAR, *FAR, *NEAR]:
+        episodes.belief.offset = np.asarray(offset)
+        episodes.step(0, 0)
+        info = episodes.info(0)
+        assert not episodes.terminated(0)
+        assert info["is_success"] == (offset in NEAR)
+        assert info["wrong"] == (offset in FAR)
+        assert info["reward_success"] == info["reward_wrong"] == 0.0
+
+
+def test_tracking_is_not_wrong_while_it_doubts():
+    episodes = scripted([0.94], (3.0, 0.0, 0.0), kind="tracking")
+    episodes.step(0, 0)
+    info = episodes.info(0)
+    assert not info["is_success"]
+    assert not info["wrong"]
+
+
+@pytest.mark.parametrize("belief", BELIEFS)
+def test_a_robot_that_is_tracked_still_knows_where_it_is(belief):
+    """Sensor and filter share one model, so the error stays small in most episodes."""
+    n_right = 0
+    for seed in range(6):
+        env = hall_env(TRACKING, belief)
+        env.reset(seed=seed)
+        for action in (0, 0, 2, 2, 0, 2, 1, 2, 2, 0) * 2:
+            info = env.step(action)[-1]
+        n_right += info["is_success"]
+    assert n_right >= 5
+
+
+@pytest.mark.parametrize("kind", ["tracking", "kidnapped"])
+def test_a_known_start_is_known_as_well_as_is_said(kind):
+    """The prior's centre strays from the truth by the sigmas; the filter is told the same."""
+    offsets = []
+    for seed in range(400):
+        episodes = scripted([1.0], kind=kind, sigma_xy=0.4, sigma_theta=0.3, seed=seed)
+        offsets.append(episodes.belief.told - episodes.simulator.poses[0])
+    assert episodes.belief.sigma == (0.4, 0.3)
+    spread, error = np.std(offsets, axis=0), 4.0 / np.sqrt(2 * 400)
+    np.testing.assert_allclose(spread / [0.4, 0.4, 0.3], 1.0, atol=error)
+    np.testing.assert_allclose(np.mean(offsets, axis=0) / [0.4, 0.4, 0.3], 0.0, atol=4 / 20)
+
+
+@pytest.mark.parametrize("belief", BELIEFS)
+def test_how_sure_each_task_starts(belief):
+    """A blind sensor leaves the priors to be seen: one pose, or every pose."""
+    blind = {"kind": "beam", "w_hit": 0.0, "w_short": 0.0, "w_max": 1.0, "w_rand": 0.0}
+    sure = {"sigma_xy": 0.01, "sigma_theta": 0.01}
+    entropy = {}
+    for id in (GLOBAL, TRACKING, KIDNAPPED):
+        task = {"kind": gym.spec(id).kwargs["task"], **sure}
+        env = hall_env(id, belief, task=task, sensor=blind)
+        entropy[id] = env.reset(seed=1)[1]["entropy_fraction"]
+    # 500 particles in some 1500 bins say less than log 1500.
+    assert entropy[GLOBAL] == pytest.approx(1.0, abs=1e-6 if belief == "histogram" else 0.25)
+    assert max(entropy[TRACKING], entropy[KIDNAPPED]) < 0.3
+
+
+# --- the kidnapped robot
+
+
+def test_a_robot_is_carried_off_once_and_is_not_told():
+    """The pose after that step owes nothing to the odometry; before and after it does."""
+    jumps = []
+    for seed in range(30):
+        task = {"kind": "kidnapped", "kidnap_first": 4, "kidnap_last": 4}
+        episodes = scripted([0.5], seed=seed, **task)
+        for step in range(1, 9):
+            before = episodes.simulator.poses[0].copy()
+            episodes.step(0, 0)
+            jump = np.hypot(*(episodes.simulator.poses[0] - before)[:2])
+            assert episodes.info(0)["kidnapped"] == (step >= 4)
+            assert abs(episodes.episode(0).u[0] - np.pi / 6) < 0.6
+            if step == 4:
+                jumps.append(jump)
+            else:
+                assert jump == 0.0
+    # Two poses of this hall are 3.7 m apart on the average.
+    assert 2.5 < np.mean(jumps) < 5.0
+    assert min(jumps) > 0.0
+
+
+def test_every_step_in_the_span_is_as_likely():
+    task = {"kind": "kidnapped", "kidnap_first": 3, "kidnap_last": 6}
+    steps = [scripted([0.5], seed=seed, **task).episode(0).kidnap_step for seed in range(400)]
+    count = np.bincount(steps, minlength=8)
+    assert count.sum() == count[3:7].sum()
+    assert np.abs(count[3:7] - 100).max() < 4 * np.sqrt(400 * 0.25 * 0.75)
+
+
+@pytest.mark.parametrize("id", [GLOBAL, TRACKING])
+def test_nobody_else_is_carried_off(id):
+    env = hall_env(id, "particles")
+    env.reset(seed=2)
+    before = env.pose
+    for _ in range(20):
+        assert not env.step(0)[-1]["kidnapped"]
+        if env._episodes.terminated(0):
+            env.reset()
+            before = env.pose
+    np.testing.assert_array_equal(env.pose[:2], before[:2])
+
+
+@pytest.mark.parametrize(
+    ("masses", "end"),
+    [
+        ([1.0] * 12, None),  # It has never let go: it believes what it believed before.
+        ([1.0, 1.0, 0.2] + [1.0] * 9, None),  # A doubt from before it was carried off.
+        ([1.0] * 4 + [0.2, 1.0, 1.0, 1.0, 1.0], 7),  # A doubt, then sure for three steps.
+        ([1.0] * 6 + [0.2, 0.2, 1.0, 1.0, 1.0], 10),
+    ],
+    ids=str,
+)
+def test_a_kidnapped_robot_declares_once_it_has_let_go(masses, end):
+    task = {"kind": "kidnapped", "kidnap_first": 3, "kidnap_last": 3}
+    assert play(scripted(masses, **task), len(masses) - 1) == end
+
+
+@pytest.mark.parametrize("belief", BELIEFS)
+def test_the_filter_expects_to_be_carried_off_only_where_that_happens(belief):
+    kidnapped = hall_env(KIDNAPPED, belief, task={"kind": "kidnapped", "kidnap_leak": 0.02})
+    assert kidnapped.reset(seed=0)
+    assert kidnapped.knowledge.belief.config.leak == 0.02
+    own = hall_env(KIDNAPPED, {**BELIEFS[belief], "leak": 0.1})
+    assert own.reset(seed=0)
+    assert own.knowledge.belief.config.leak == 0.1
+    plain = hall_env(GLOBAL, belief)
+    assert plain.reset(seed=0)
+    assert plain.knowledge.belief.config.leak == 0.0
+
+
+def mass_at_the_truth(leak, seed):
+    """What a robot gives its true pose, 40 steps after it was carried off at the third."""
+    task = {"kind": "kidnapped", "kidnap_first": 3, "kidnap_last": 3, "kidnap_leak": leak,
+            "hold": 1000}  # fmt: skip
+    env = hall_env(KIDNAPPED, task=task)
+    env.reset(seed=seed)
+    for action in (2, 0, 0, *(0,) * 12, *(2, 2, 0) * 10):
+        env.step(action)
+    return env.knowledge.belief.mass_near(0, env.pose)
+
+
+def test_the_leak_lets_the_belief_recover():
+    with_leak = [mass_at_the_truth(1e-3, seed) for seed in range(6)]
+    without = [mass_at_the_truth(0.0, seed) for seed in range(6)]
+    assert np.median(with_leak) > 0.6
+    assert np.median(without) < 0.05
+
+
+# --- the reward
+
+
+@pytest.mark.parametrize(("id", "belief"), list(itertools.product(IDS, BELIEFS)))
+def test_information_terms_sum_to_what_was_removed_in_all(id, belief):
+    weight = 2.5
+    env = gym.make(id, map=MAP, belief=BELIEFS[belief], reward={"information": weight})
+    info = env.reset(seed=3)[1]
+    first, total, over = info["entropy_fraction"], 0.0, False
+    uniform = env.unwrapped.knowledge.summary.uniform_entropy
+    nats = info["entropy"]
+    for action in (0, 2, 2, 1, 2, 2, 0, 0, 2) * 5:
+        _, reward, over, _, info = env.step(action)
+        total += info["reward_information"]
+        assert reward == sum(v for k, v in info.items() if k.startswith("reward_"))
+        if over:
+            break
+    assert total == pytest.approx(weight * (first - info["entropy_fraction"]), abs=1e-9)
+    assert total == pytest.approx(weight * (nats - info["entropy"]) / uniform, abs=1e-9)
+
+
+def test_every_term_has_its_weight():
+    reward = {"information": 3.0, "step": -0.5, "success": 7.0, "wrong": -11.0}
+    entropies = [2.0, 1.0, 1.5]
+    for offset, last in (((0.0, 0.0, 0.0), 7.0), ((2.0, 0.0, 0.0), -11.0)):
+        episodes = scripted([0.1, 0.1, 1.0], offset, entropies, reward, hold=1)
+        episodes.step(0, 0)
+        assert episodes.reward(0) == pytest.approx(3.0 * 0.25 - 0.5)
+        episodes.step(0, 0)
+        assert episodes.reward(0) == pytest.approx(-3.0 * 0.125 - 0.5 + last)
+
+
+def test_a_weight_must_be_a_number():
+    with pytest.raises(ConfigError, match=r"reward\.wrong must be a number"):
+        RewardWeights(wrong=np.nan)
+
+
+def test_a_span_of_steps_runs_upwards():
+    with pytest.raises(ConfigError, match="kidnap_first must be at most"):
+        Task(kidnap_first=9, kidnap_last=3)
