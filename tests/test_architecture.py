@@ -185,7 +185,5 @@ def test_the_rules_leave_alone_what_keeps_them(module, code):
 def test_importing_it_loads_nothing_heavy(module):
     heavy_names = ("torch", "stable_baselines3", "matplotlib", "pygame", "IPython")
     code = f"import {module}, sys\nprint(*(n for n in {heavy_names} if n in sys.modules))"
-    there = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
+    there = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert there.stdout.split() == []

@@ -64,7 +64,7 @@ class HistogramConfig:
     headings: int = 72
     reading_bin: float = 0.1
     sigma_factor: float = 1.5
-    likelihood_power: float = 0.6
+    likelihood_power: float = 0.7
     repetition: float = 0.0
     sectors: int = 12
     place_size: float = 0.25

@@ -84,7 +84,7 @@ class Office:
         resolution: Side of a cell [m].
     """
 
-    rooms: int = 8
+    rooms: int = 7
     corridors: int = 2
     room_width: float = 3.4
     room_depth: float = 3.4

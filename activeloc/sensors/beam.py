@@ -51,8 +51,8 @@ class BeamModel:
         ConfigError: If a number is out of its range or the weights do not sum to one.
     """
 
-    beams: int = 3
-    field_of_view: float = float(np.pi / 3.0)
+    beams: int = 5
+    field_of_view: float = float(2.0 * np.pi / 3.0)
     z_max: float = 1.5
     sigma_hit: float = 0.1
     lambda_short: float = 1.0

@@ -60,7 +60,7 @@ class LikelihoodField:
     Thrun, Burgard & Fox, *Probabilistic Robotics* (2005), section 6.4, made a probability: along
     each ray the hit part is normalised over the readings below ``z_max`` (the book leaves it
     unnormalised, which favours poses beside clutter). It sees through walls, is smooth in the
-    pose, and needs no ray casting. Resolved to the reading bins' centres.
+    pose, and needs no ray casting. The density is constant over each bin of ``reading_bin``.
 
     Attributes:
         beams: Number of beams in a scan.
@@ -70,14 +70,14 @@ class LikelihoodField:
         w_hit: Mixture weight of a hit.
         w_max: Mixture weight of a missed echo.
         w_rand: Mixture weight of a reading from anywhere.
-        reading_bin: Width of the bins over which the simulator draws readings [m].
+        reading_bin: Greatest width of the bins to which the density is resolved [m].
 
     Raises:
         ConfigError: If a number is out of its range or the weights do not sum to one.
     """
 
-    beams: int = 3
-    field_of_view: float = float(np.pi / 3.0)
+    beams: int = 5
+    field_of_view: float = float(2.0 * np.pi / 3.0)
     z_max: float = 1.5
     sigma_hit: float = 0.1
     w_hit: float = 0.90
@@ -117,11 +117,16 @@ class LikelihoodField:
         """See :meth:`RangeSensor.bin_probabilities`."""
         flat = np.asarray(rays, dtype=np.float64).reshape(-1, 3)
         in_cells = np.column_stack([grid.to_cells(flat[:, :2]), flat[:, 2]])
-        centres = 0.5 * (bins.edges[1:] + bins.edges[:-1]) / grid.resolution
-        out = np.empty((len(flat), len(bins)))
+        own = ReadingBins(self.z_max, self.reading_bin).edges
+        centres = 0.5 * (own[1:] + own[:-1]) / grid.resolution
+        out = np.empty((len(flat), len(own)))
         parts = np.array([self.w_hit, self.w_max, self.w_rand])
         _fill_masses(self.near(grid), in_cells, centres, parts, out)
-        return out.reshape(*np.shape(rays)[:-1], len(bins))
+        # Whatever bins a filter sorts readings into, they are of the density that is sampled.
+        high = np.minimum(own[1:, None], bins.edges[1:])
+        share = np.maximum(high - np.maximum(own[:-1, None], bins.edges[:-1]), 0.0)
+        below = out[:, :-1] @ (share / share.sum(axis=1, keepdims=True))
+        return np.column_stack([below, out[:, -1]]).reshape(*np.shape(rays)[:-1], len(bins))
 
     def read(
         self, grid: OccupancyGrid, rays: NDArray[np.float64], uniforms: NDArray[np.float64]

@@ -60,7 +60,7 @@ def test_samples_are_uniform_over_a_whole_cell_and_its_bin():
     poses = grid.sample_in(np.full(n, cell), np.full(n, 5), np.random.default_rng(2).random((n, 4)))
     corner = np.append(grid.cells[cell, ::-1] * 0.2 + grid.terrain.grid.origin, grid.thetas[5])
     unit = (poses - corner) / [0.2, 0.2, grid.bin_width] + [0.0, 0.0, 0.5]
-    counts = np.histogramdd(unit, bins=(8, 8, 4), range=[(0, 1)] * 3)[0]
+    counts = np.histogramdd(unit, bins=(12, 12, 4), range=[(0, 1)] * 3)[0]
     assert counts.sum() == n
     expected = n / counts.size
     assert chi2.sf(((counts - expected) ** 2 / expected).sum(), counts.size - 1) > 1e-6

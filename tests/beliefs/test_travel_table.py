@@ -228,37 +228,41 @@ class Oracle:
         return found
 
 
-# Mean and worst total variation that are accepted. Open ground meets what a quadrature stencil can
-# do. Beside obstacles the errors are those of probing a cell at 16 places and one heading, and of
-# weighing a contact by the average over the cell in which the robot ends.
+# Total variation accepted: mean, worst, and mean over cells alone. The aim is .04 and .08. Open
+# ground is there: what is left is that a grid forgets how place and heading hang together. Beside
+# obstacles a cell is probed at 16 places along one heading a bin: where a robot grazes a wall, the
+# few ways that stay open are missed (the worst cases); a contact is weighed by the average over the
+# cell and bin in which the robot ends; heading noise under a tenth of a bin is left out (.064 after
+# a tenth of a metre).
 ACCEPTED = {
-    "open": (0.05, 0.10),
-    "free": (0.09, 0.85),
-    "partly": (0.11, 0.25),
-    "refused": (0.05, 0.10),
+    "open": (0.043, 0.09, 0.013),
+    "free": (0.08, 0.75, 0.05),
+    "partly": (0.11, 0.55, 0.09),
+    "refused": (0.04, 0.08, 0.04),
 }
 
 
-def check_one_step(n_cells, n_samples, accepted):
+def check_one_step(n_cells, n_samples):
     oracle = Oracle(fresh(), np.random.default_rng(1), n_samples)
     for kind, states in oracle.cases({kind: n_cells for kind in ACCEPTED}).items():
         gaps = np.array([oracle.distance(*state) for state in states])
         mean, worst = gaps.mean(axis=0), gaps.max(axis=0)
         print(
             f"{kind}: mean {mean[0]:.3f} (cells {mean[1]:.3f}, headings {mean[2]:.3f}), "
-            f"worst {worst[0]:.3f}, median {np.median(gaps[:, 0]):.3f} of {len(gaps)}"
+            f"median {np.median(gaps[:, 0]):.3f}, worst {worst[0]:.3f}, "
+            f"{np.mean(gaps[:, 0] <= 0.08):.0%} of {len(gaps)} within .08"
         )
-        assert mean[0] <= accepted[kind][0], kind
-        assert worst[0] <= accepted[kind][1], kind
+        got, accepted = (mean[0], worst[0], mean[1]), ACCEPTED[kind]
+        assert all(g <= a for g, a in zip(got, accepted, strict=True)), (kind, got, accepted)
 
 
 def test_one_step_matches_the_simulator():
-    check_one_step(10, 100_000, ACCEPTED)
+    check_one_step(10, 100_000)
 
 
 @pytest.mark.slow
 def test_one_step_matches_a_million_samples():
-    check_one_step(50, 1_000_000, ACCEPTED)
+    check_one_step(50, 1_000_000)
 
 
 @pytest.mark.parametrize("degrees", [30, -30, 7, 90, -177])

@@ -77,7 +77,7 @@ def digest(id, belief, map, seed, steps):
     import gymnasium as gym
     import numpy as np
 
-    import activeloc  # noqa: F401
+    import activeloc  # noqa: F401, F811
 
     said = hashlib.sha256()
     env = gym.make(id, map=map, belief=belief)
@@ -105,7 +105,7 @@ def same(a, b):
 
 
 def test_the_ids_are_those_of_the_table():
-    assert IDS == sorted(ENVIRONMENTS)
+    assert sorted(ENVIRONMENTS) == IDS
     assert len(IDS) >= 3
 
 
@@ -189,10 +189,19 @@ def test_observations_and_infos_are_what_is_promised(id, belief):
     check_episodes(make(id, belief), 5, 30)
 
 
-@pytest.mark.parametrize("actions", ["discrete+stay", "continuous"])
-def test_observations_and_infos_of_the_other_action_spaces(actions):
-    env = make(actions=actions)
-    assert isinstance(env.action_space, gym.spaces.Discrete if "+" in actions else gym.spaces.Box)
+@pytest.mark.parametrize(
+    ("settings", "space"),
+    [
+        ({"actions": "discrete+stay"}, gym.spaces.Discrete(4)),
+        ({"actions": "continuous"}, gym.spaces.Box(-1.0, 1.0, (2,), np.float32)),
+        ({"world": "discrete"}, gym.spaces.Discrete(3)),
+        ({"filter_sensor": {"sigma_hit": 0.3}}, gym.spaces.Discrete(3)),
+    ],
+    ids=str,
+)
+def test_observations_and_infos_of_other_settings(settings, space):
+    env = make(**settings)
+    assert env.action_space == space
     check_episodes(env, 3, 20)
 
 

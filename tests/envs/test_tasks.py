@@ -44,6 +44,8 @@ KIDNAPPED = "activeloc/KidnappedRobot-v0"
 class Scripted:
     """A belief that says what a script tells it to: masses, and how far off the estimate is."""
 
+    impossible = ()
+
     def __init__(self, episodes, masses, offset=(0.0, 0.0, 0.0), entropies=None):
         self.simulator = episodes.simulator
         self.script = list(masses)
@@ -60,7 +62,7 @@ class Scripted:
         self.step += 1
 
     def correct(self, robot, scan):
-        return 0.0
+        return -np.inf if self.step in self.impossible else 0.0
 
     def summarise(self, robot):
         i = min(self.step, len(self.script) - 1)
@@ -146,6 +148,17 @@ def test_before_a_declaration_nobody_is_right_or_wrong(offset):
         assert not info["wrong"]
         assert info["reward_success"] == info["reward_wrong"] == 0.0
         episodes.step(0, 0)
+
+
+def test_impossible_scans_are_counted():
+    episodes = scripted([0.5])
+    episodes.belief.impossible = (0, 2, 3)
+    episodes.reset(0, np.random.default_rng(0))
+    counts = [episodes.info(0)["impossible"]]
+    for _ in range(4):
+        episodes.step(0, 0)
+        counts.append(episodes.info(0)["impossible"])
+    assert counts == [1, 1, 2, 3, 3]
 
 
 def test_after_a_declaration_there_is_no_step():

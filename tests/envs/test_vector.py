@@ -66,7 +66,7 @@ def equal(a, b, where="result"):
         np.testing.assert_array_equal(a, b, err_msg=where)
 
 
-def actions_of(seed, n=3, steps=45):
+def actions_of(seed, n=3, steps=32):
     return np.random.default_rng(seed).choice(3, (steps, n), p=[0.3, 0.2, 0.5])
 
 
@@ -76,7 +76,7 @@ def actions_of(seed, n=3, steps=45):
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
 @pytest.mark.parametrize(("id", "belief"), list(itertools.product(IDS, BELIEFS)))
 def test_it_equals_single_environments_to_the_bit(id, belief, mode):
-    settings = {"task": task_of(id), "max_episode_steps": 14}
+    settings = {"task": task_of(id), "max_episode_steps": 10}
     ours, theirs = native(id, belief, mode, **settings), singles(id, belief, mode, **settings)
     equal(ours.reset(seed=20), theirs.reset(seed=20))
     n_ends = 0

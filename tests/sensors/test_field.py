@@ -44,7 +44,9 @@ def test_a_value_by_hand():
     cells[1:-1, 1:-1] = 0
     cells[4, 7] = 1
     grid = OccupancyGrid(cells, 1.0)
-    sensor = LikelihoodField(z_max=4.0, sigma_hit=1.0, w_hit=0.7, w_max=0.1, w_rand=0.2)
+    sensor = LikelihoodField(
+        z_max=4.0, sigma_hit=1.0, w_hit=0.7, w_max=0.1, w_rand=0.2, reading_bin=1.0
+    )
     p = sensor.bin_probabilities(grid, np.array([[4.0, 4.5, 0.0]]), ReadingBins(4.0, 1.0))[0]
     # Bin centres .5, 1.5, 2.5 and 3.5 ahead lie in columns 4, 5, 6 and 7.
     near = np.array([exp(-9 / 2), exp(-4 / 2), exp(-1 / 2), 1.0])
@@ -68,10 +70,12 @@ def test_the_outside_of_the_map_is_an_obstacle():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_readings_follow_the_probabilities(seed):
+@pytest.mark.parametrize("width", [0.05, 0.1, 0.07, 0.5])
+def test_readings_follow_the_probabilities_in_any_bins(seed, width):
+    """A filter with bins of its own must assume the density that the simulator draws from."""
     grid, n = from_text(ROOM, 0.25, (1.0, -2.0)), 100_000
     sensor = LikelihoodField(w_hit=0.8, w_max=0.05, w_rand=0.15)
-    bins = ReadingBins(sensor.z_max, sensor.reading_bin)
+    bins = ReadingBins(sensor.z_max, width)
     ray = rays_in(grid, 1, seed)
     uniforms = np.random.default_rng(seed).random((n, 2))
     z = sensor.read(grid, np.repeat(ray, n, axis=0), uniforms)

@@ -1,0 +1,1 @@
+"""Cost of the parts: ``python -m benchmarks``."""
