@@ -19,6 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from activeloc import checks
+from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
 from activeloc.raycast import cast_ray
 
@@ -221,6 +222,12 @@ class MotionModel:
     contact_ratio: float = 0.7
 
     def __post_init__(self) -> None:
+        for name in ("actuation", "odometry"):
+            if not isinstance(getattr(self, name), MotionNoise):
+                raise ConfigError(
+                    f"MotionModel.{name} must be a MotionNoise or a mapping of its fields; "
+                    f"got {getattr(self, name)!r}"
+                )
         checks.number("MotionModel.radius", self.radius, 0.0, 100.0)
         checks.number("MotionModel.contact_ratio", self.contact_ratio, 0.0, 1.0)
 

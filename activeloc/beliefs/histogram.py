@@ -141,7 +141,10 @@ def tables_of(
 
 @dataclass(slots=True)
 class _Track:
-    """One robot's belief: states, the cells that live, and what is carried over between steps."""
+    """One robot's belief: states, the cells that live, and what is carried over between steps.
+
+    ``left_over`` holds a turn [rad], a travel [m] and a heading variance too small to count yet.
+    """
 
     tables: GridTables
     bel: NDArray[np.floating]
@@ -149,7 +152,7 @@ class _Track:
     live: NDArray[np.int32]
     n_live: int
     place: PlaceMemory
-    left_over: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
+    left_over: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 
     @property
     def cells(self) -> NDArray[np.int32]:
@@ -294,8 +297,9 @@ class HistogramBelief:
         track.left_over[1] += u[1]
         levels = round(track.left_over[1] / track.tables.travel.step)
         track.left_over[1] -= levels * track.tables.travel.step
-        for level in _hops(levels, track.tables.travel.longest_level):
-            self._travel(track, level)
+        hops = _hops(levels, track.tables.travel.longest_level)
+        for level in hops:
+            self._travel(track, level, len(hops))
         # The first rotation's share of the travel's heading noise is in the stencil's reach; its
         # share of the final heading is added here, in one convolution with the second's.
         self._turn(track, float(u[2]), float(np.hypot(sigma[2], bend)))
@@ -309,19 +313,22 @@ class HistogramBelief:
             self._leak(track)
 
     def _turn(self, track: _Track, turn: float, sigma: float) -> None:
-        """Rotate; turns too small for the grid are added up until they count."""
+        """Rotate; turns and noise too small for the grid are added up until they count."""
         track.left_over[0] += turn
+        track.left_over[2] += sigma**2
         width = track.tables.poses.bin_width
         counts = abs(track.left_over[0]) >= 0.5 * width
-        if not counts and sigma < 0.1 * width:
+        sigma = float(np.sqrt(track.left_over[2]))
+        if not counts and sigma < 0.2 * width:
             return
+        track.left_over[2] = 0.0
         first, taps = turn_taps(track.left_over[0] if counts else 0.0, sigma, width)
         if counts:
             track.left_over[0] = 0.0
         kernels.rotate(track.bel, track.cells, first, taps)
 
-    def _travel(self, track: _Track, level: int) -> None:
-        travel = track.tables.travel.level(abs(level))
+    def _travel(self, track: _Track, level: int, hops: int) -> None:
+        travel = track.tables.travel.level(abs(level), hops)
         poses = track.tables.poses
         out_live = np.empty_like(track.live)
         n = kernels.translate(

@@ -23,6 +23,7 @@ from activeloc.motion import MARGIN, MotionNoise
 from activeloc.raycast import cast_ray
 
 UNITS = 200  # Free distances are kept in 1 / UNITS of a metre, up to 255 of them.
+TURNS = (0.0, -1.0 / 3.0, 1.0 / 3.0)  # Headings probed across a bin [bin]; the first is its centre.
 MAX_TARGETS = 40  # More cells than one travel can reach from one state.
 # Gauss-Hermite nodes of a standard normal variable, three of them, and their weights.
 _NODES = np.array([-sqrt(3.0), 0.0, sqrt(3.0)])
@@ -34,24 +35,26 @@ def _fill_free(
     blocked: NDArray[np.bool_],
     sub_poses: NDArray[np.float64],
     is_open: NDArray[np.bool_],
-    thetas: NDArray[np.float64],
+    angles: NDArray[np.float64],
     unit: float,
     free: NDArray[np.uint8],
 ) -> None:
     """Fill ``free[c, k, s]`` with the free distance in units, 255 for more.
 
+    A probe s is a sub-pose and a heading in the bin.
+
     Args:
         blocked: ``(H, W)``; where the robot's centre cannot be.
         sub_poses: ``(C, S, 2)`` of column and row [cell].
         is_open: ``(C, S)``; closed sub-poses get 0.
-        thetas: ``(K,)``.
+        angles: ``(K, S)``; heading of each probe.
         unit: Length of a unit [cell].
         free: ``(C, K, S)``, overwritten.
     """
-    for k in range(thetas.shape[0]):
-        dx, dy = np.cos(thetas[k]), np.sin(thetas[k])
-        for c in range(sub_poses.shape[0]):
-            for s in range(sub_poses.shape[1]):
+    for k in range(angles.shape[0]):
+        for s in range(angles.shape[1]):
+            dx, dy = np.cos(angles[k, s]), np.sin(angles[k, s])
+            for c in range(sub_poses.shape[0]):
                 free[c, k, s] = 0
                 if is_open[c, s]:
                     x, y = sub_poses[c, s, 0], sub_poses[c, s, 1]
@@ -127,7 +130,7 @@ def _fill_rows(
     is_open: NDArray[np.bool_],
     free: NDArray[np.uint8],
     lattice: NDArray[np.float64],
-    thetas: NDArray[np.float64],
+    angles: NDArray[np.float64],
     start: NDArray[np.int64],
     step: NDArray[np.int32],
     share: NDArray[np.float32],
@@ -138,7 +141,7 @@ def _fill_rows(
 ) -> int:
     """Write the rows of cells ``first ... last - 1`` that obstacles touch; returns entries written.
 
-    A state whose every sub-pose is open, free and lands on the belief's cells gets an empty row:
+    A state whose every probe is open, free and lands on the belief's cells gets an empty row:
     its transition is its heading's stencil.
 
     Args:
@@ -148,18 +151,18 @@ def _fill_rows(
         index: ``(rows, cols)`` of cell or -1.
         is_open: ``(C, S)``.
         free: ``(C, K, S)`` in units.
-        lattice: ``(S, 2)``.
-        thetas: ``(K,)``.
-        start: ``(K * S + 1,)``; landings of heading k from sub-pose s, entries ``k * S + s``, of
+        lattice: ``(S, 2)`` of offsets of the probes [cell].
+        angles: ``(K, S)``; heading of each probe.
+        start: ``(K * S + 1,)``; landings of heading k from probe s, entries ``k * S + s``, of
         step: ``(E, 2)`` of row and column steps and
-        share: ``(E,)``, summing to one per heading and sub-pose.
-        reach: Unit [cell], free distance that counts as open [cell], its spread [cell], and that
-            with no doubt open [cell].
+        share: ``(E,)``, summing to one per heading and probe.
+        reach: Unit, free distance that counts as open, its spread, that with no doubt open, and
+            the travel itself [cell].
         size: ``((last - first) * K,)``, overwritten with entries per row.
         target: Overwritten with cells.
         weight: ``(2, ...)``, overwritten with free and clipped weights.
     """
-    unit, threshold, spread, safe = reach
+    unit, threshold, spread, safe, travel = reach
     n_subs = is_open.shape[1]
     targets = np.empty(MAX_TARGETS, dtype=np.int32)
     parts = np.zeros((2, MAX_TARGETS))
@@ -167,7 +170,7 @@ def _fill_rows(
     for c in range(first, last):
         row, col = cells[c]
         n_open = is_open[c].sum()
-        for k in range(thetas.shape[0]):
+        for k in range(angles.shape[0]):
             n = 0
             plain = n_open == n_subs
             for s in range(n_subs):
@@ -189,13 +192,14 @@ def _fill_rows(
                         if cell >= 0:
                             w = p_free * share[e] / (landing * n_open)
                             n = _add(targets, parts, n, cell, 0, w)
-                stop_row = row + int(np.floor(lattice[s, 1] + length * np.sin(thetas[k])))
-                stop_col = col + int(np.floor(lattice[s, 0] + length * np.cos(thetas[k])))
+                length = min(length, travel)
+                stop_row = row + int(np.floor(lattice[s, 1] + length * np.sin(angles[k, s])))
+                stop_col = col + int(np.floor(lattice[s, 0] + length * np.cos(angles[k, s])))
                 stop = _at(index, stop_row, stop_col)
                 n = _add(targets, parts, n, stop if stop >= 0 else c, 1, (1.0 - p_free) / n_open)
             if plain:
                 n = 0
-            size[(c - first) * thetas.shape[0] + k] = n
+            size[(c - first) * angles.shape[0] + k] = n
             target[written : written + n] = targets[:n]
             weight[:, written : written + n] = parts[:, :n]
             written += n
@@ -236,42 +240,55 @@ class TravelTable:
         self.noise = noise
         self.step = grid.cell_size / 2.0
         world = grid.terrain.grid
-        self.free = np.empty((len(grid.cells), grid.headings, SUB * SUB), dtype=np.uint8)
-        sub_poses = world.to_cells(grid.sub_poses())
+        # Probes: every sub-pose at every one of TURNS, the sub-poses of one heading together.
+        self._lattice = np.tile(grid.lattice, (len(TURNS), 1))
+        self._is_open = np.tile(grid.is_open, (1, len(TURNS)))
+        turns = np.repeat(TURNS, SUB * SUB) * grid.bin_width
+        self._angles = grid.thetas[:, None] + turns
+        self.free = np.empty((len(grid.cells), *self._angles.shape), dtype=np.uint8)
+        sub_poses = np.tile(world.to_cells(grid.sub_poses()), (1, len(TURNS), 1))
         unit = 1.0 / UNITS / world.resolution
-        _fill_free(grid.terrain.blocked, sub_poses, grid.is_open, grid.thetas, unit, self.free)
-        near = (self.free < grid.cell_size * UNITS) & grid.is_open[:, None, :]
-        self.p_contact = (near.sum(axis=-1) / grid.is_open.sum(axis=-1)[:, None]).astype(np.float32)
-        self._levels: dict[int, Travel] = {}
+        _fill_free(grid.terrain.blocked, sub_poses, self._is_open, self._angles, unit, self.free)
+        near = (self.free < grid.cell_size * UNITS) & self._is_open[:, None, :]
+        n_open = self._is_open.sum(axis=-1)[:, None]
+        self.p_contact = (near.sum(axis=-1) / n_open).astype(np.float32)
+        self._levels: dict[tuple[int, int], Travel] = {}
 
     @property
     def longest_level(self) -> int:
         """Longest travel of one transition, in levels; longer ones take several."""
         return int(200.0 / UNITS / self.step)
 
-    def level(self, level: int) -> Travel:
-        """The transition of a travel of ``level`` half cells forward, made at its first use."""
-        if level not in self._levels:
-            self._levels[level] = self._build(level)
-        return self._levels[level]
+    def level(self, level: int, hops: int = 1) -> Travel:
+        """The transition of a travel of ``level`` half cells forward, made at its first use.
 
-    def _build(self, level: int) -> Travel:
+        As one of ``hops`` equal parts of a travel, it has its share of that travel's variance.
+        """
+        if (level, hops) not in self._levels:
+            self._levels[level, hops] = self._build(level, hops)
+        return self._levels[level, hops]
+
+    def _build(self, level: int, hops: int) -> Travel:
         grid = self.grid
         length = level * self.step
-        spread = max(self.noise.translation_from_translation * length, 0.005)
-        bend = self.noise.rotation_from_translation * length
-        within = ((np.arange(4) + 0.5) / 4 - 0.5) * grid.bin_width
-        # Equally likely headings: the bin's own width, and the turn's noise at three nodes.
+        scale = length * np.sqrt(hops)
+        spread = max(self.noise.translation_from_translation * scale, 0.005)
+        bend = self.noise.rotation_from_translation * scale
+        # Equally likely headings: a third of the bin's width, and the turn's noise at three nodes.
+        within = ((np.arange(2) + 0.5) / 2 - 0.5) / len(TURNS) * grid.bin_width
         nodes = np.repeat(_NODES * bend, (1, 4, 1))
         turns = (within[:, None] + nodes).ravel()
         lengths = (length + _NODES * spread) / grid.cell_size
         half = int(np.ceil(lengths.max())) + 1
-        window = np.zeros((grid.headings, SUB * SUB, 2 * half + 1, 2 * half + 1))
-        _fill_stencils(grid.thetas, grid.lattice, turns, lengths, _WEIGHTS, window)
+        window = np.zeros((grid.headings, len(self._lattice), 2 * half + 1, 2 * half + 1))
+        for i, turn in enumerate(TURNS):
+            part = window[:, i * SUB * SUB : (i + 1) * SUB * SUB]
+            middle = turns + turn * grid.bin_width
+            _fill_stencils(grid.thetas, grid.lattice, middle, lengths, _WEIGHTS, part)
         start, step, weight = _sparse(window.mean(axis=1))
         # A travel is rounded to its level, so a way that is half a level short may have been open.
         reach = (
-            np.array([1.0 / UNITS, length - self.step / 2.0, spread, length + 3.0 * spread])
+            np.array([1.0 / UNITS, length - self.step / 2.0, spread, length + 3.0 * spread, length])
             / grid.cell_size
         )
         subs = _sparse(window.reshape(-1, *window.shape[2:]))
@@ -290,8 +307,8 @@ class TravelTable:
             last = min(first + chunk, len(grid.cells))
             size = np.empty((last - first) * grid.headings, dtype=np.int32)
             n = _fill_rows(
-                first, last, grid.cells, grid.index, grid.is_open, self.free, grid.lattice,
-                grid.thetas, *landings, reach, size, target, weight,
+                first, last, grid.cells, grid.index, self._is_open, self.free, self._lattice,
+                self._angles, *landings, reach, size, target, weight,
             )  # fmt: skip
             sizes.append(size)
             targets.append(target[:n].copy())
