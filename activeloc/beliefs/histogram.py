@@ -10,21 +10,19 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, field
-from functools import lru_cache
 from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from activeloc import checks
 from activeloc.beliefs import NEAR_ANGLE, NEAR_RADIUS, Summary
 from activeloc.beliefs import histogram_kernels as kernels
 from activeloc.beliefs.common_bins import CommonBins, entropy
+from activeloc.beliefs.grid_tables import GridTables, tables_of
 from activeloc.beliefs.place import PlaceMemory
 from activeloc.beliefs.pose_grid import PoseGrid
-from activeloc.beliefs.reading_table import build_reading_table
-from activeloc.beliefs.travel_table import TravelTable
+from activeloc.beliefs.settings import HistogramConfig
 from activeloc.beliefs.view import view_shares
 from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
@@ -32,111 +30,7 @@ from activeloc.motion import MotionModel, Terrain, wrap
 from activeloc.sensors import RangeSensor
 from activeloc.sensors.readings import check_scan, widened
 
-
-@dataclass(frozen=True, slots=True)
-class HistogramConfig:
-    """Settings of the histogram filter.
-
-    Attributes:
-        cell_size: Side of a cell [m].
-        headings: Number of heading bins, even.
-        reading_bin: Greatest width of the bins that readings are sorted into [m].
-        sigma_factor: By how much the filter widens the sensor's ``sigma_hit``: like rooms lie
-            differently on the grid, and a true-width likelihood takes that for a difference.
-        likelihood_power: Exponent on each reading's likelihood.
-        repetition: Ratio of the variances of a reading's own and of its shared sub-cell error; a
-            direction read again from one place counts less, ``inf`` counts it in full.
-        sectors: Directions told apart when readings and contacts are remembered.
-        place_size: Travel after which the robot counts as elsewhere [m].
-        contact_floor: Probability that a contact is felt where the map has no obstacle; 1 ignores
-            contacts.
-        odometry_floor: Weight of ways that an obstacle on the map would have cut short, against
-            the odometry's reading; 1 ignores that evidence.
-        leak: Probability per step that the robot is carried anywhere (kidnapping).
-        least: Probability under which a state counts as empty.
-        precision: ``float32`` or ``float64``, of the stored belief.
-
-    Raises:
-        ConfigError: If a number is out of its range.
-    """
-
-    cell_size: float = 0.2
-    headings: int = 72
-    reading_bin: float = 0.1
-    sigma_factor: float = 1.5
-    likelihood_power: float = 0.7
-    repetition: float = 0.0
-    sectors: int = 12
-    place_size: float = 0.25
-    contact_floor: float = 0.02
-    odometry_floor: float = 0.05
-    leak: float = 0.0
-    least: float = 1e-10
-    precision: str = "float32"
-
-    def __post_init__(self) -> None:
-        checks.number("belief.cell_size", self.cell_size, 0.01, 2.0)
-        checks.number("belief.sigma_factor", self.sigma_factor, 0.1, 100.0)
-        checks.number("belief.likelihood_power", self.likelihood_power, 0.0, 1.0, above_low=True)
-        checks.integer("belief.headings", self.headings, 4, 720)
-        if self.headings % 2:
-            raise ConfigError(f"belief.headings must be even; got {self.headings}")
-        checks.number("belief.reading_bin", self.reading_bin, 0.0, 1e4, above_low=True)
-        if self.repetition != inf:
-            checks.number("belief.repetition", self.repetition, 0.0, inf)
-        checks.integer("belief.sectors", self.sectors, 1, 3600)
-        checks.number("belief.place_size", self.place_size, 0.0, 1e3, above_low=True)
-        for name in ("contact_floor", "odometry_floor"):
-            checks.number(f"belief.{name}", getattr(self, name), 0.0, 1.0, above_low=True)
-        checks.number("belief.leak", self.leak, 0.0, 1.0)
-        checks.number("belief.least", self.least, 0.0, 1e-3)
-        checks.choice("belief.precision", self.precision, ("float32", "float64"))
-
-
-class GridTables:
-    """What a histogram filter computes once per map and shares between robots.
-
-    Args:
-        grid: The map.
-        config: Of the filter.
-        sensor: The sensor that the filter assumes.
-        motion: The motion model that the filter assumes.
-    """
-
-    def __init__(
-        self,
-        grid: OccupancyGrid,
-        config: HistogramConfig,
-        sensor: RangeSensor,
-        motion: MotionModel,
-    ) -> None:
-        self.terrain = Terrain(grid, motion.radius)
-        self.poses = PoseGrid(self.terrain, config.cell_size, config.headings)
-        self.readings = build_reading_table(self.poses, sensor, config.reading_bin)
-        self.travel = TravelTable(self.poses, motion.odometry)
-        self.bins = CommonBins(grid)
-        self.places = self.bins.places_of(self.poses)
-        self.bin_headings = self.bins.headings_of(self.poses)
-        self.uniform = np.repeat(
-            self.poses.area[:, None] / (self.poses.area.sum() * config.headings),
-            config.headings,
-            axis=1,
-        )
-        self.uniform_entropy = entropy(self.masses(self.uniform, np.arange(len(self.poses.cells))))
-
-    def masses(self, bel: NDArray[np.floating], live: NDArray[np.integer]) -> NDArray[np.float64]:
-        """The belief on the common bins: ``(places, headings)``."""
-        out = np.zeros((self.bins.shape[0] * self.bins.shape[1], self.bins.n_headings))
-        kernels.bin_masses(bel, live.astype(np.int32), *self.places, *self.bin_headings, out)
-        return out
-
-
-@lru_cache(maxsize=16)
-def tables_of(
-    grid: OccupancyGrid, config: HistogramConfig, sensor: RangeSensor, motion: MotionModel
-) -> GridTables:
-    """The tables of a map, kept for the 16 maps used last."""
-    return GridTables(grid, config, sensor, motion)
+__all__ = ["GridTables", "HistogramBelief", "HistogramConfig", "turn_taps"]
 
 
 @dataclass(slots=True)

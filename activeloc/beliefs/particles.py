@@ -19,11 +19,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc import checks
 from activeloc.beliefs import NEAR_ANGLE, NEAR_RADIUS, Summary
 from activeloc.beliefs.common_bins import CommonBins, entropy
 from activeloc.beliefs.place import PlaceMemory
 from activeloc.beliefs.resampling import SCHEMES, effective_sample_size
+from activeloc.beliefs.settings import ParticleConfig
 from activeloc.beliefs.view import view_pixels
 from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
@@ -31,78 +31,9 @@ from activeloc.motion import MotionModel, Terrain, move, wrap
 from activeloc.sensors import BeamModel, RangeSensor, ReadingBins
 from activeloc.sensors.readings import check_scan, rays_of, widened
 
+__all__ = ["ParticleBelief", "ParticleConfig"]
+
 RANGE_STEP = 0.02  # Expected ranges are rounded to this when a reading is looked up [m].
-
-
-@dataclass(frozen=True, slots=True)
-class ParticleConfig:
-    """Settings of the particle filter.
-
-    Attributes:
-        n_min: Fewest particles.
-        n_max: Most particles, and their number at the start.
-        per_state: Particles per effective state: N = ``per_state`` exp(H), within the two limits.
-        ess_ratio: Resample when the effective sample size falls under this share of N.
-        resampling: ``systematic``, ``stratified``, ``multinomial`` or ``residual``.
-        sigma_factor: By how much the filter widens the sensor's ``sigma_hit``.
-        likelihood_power: Exponent on each reading's likelihood.
-        roughening_xy: Standard deviation added to x and y at each resampling [m].
-        roughening_theta: Standard deviation added to the heading at each resampling [rad].
-        reading_bin: Greatest width of the bins that readings are sorted into [m].
-        repetition: As in :class:`HistogramConfig`; ``inf`` counts repeated readings in full.
-        sectors: Directions told apart when readings and contacts are remembered.
-        place_size: Travel after which the robot counts as elsewhere [m].
-        contact_floor: Probability that a contact is felt where the map has no obstacle.
-        contact_reach: An obstacle nearer than this explains a contact [m].
-        odometry_floor: Weight of a particle that an obstacle on the map stopped short of what the
-            odometry read.
-        leak: Probability per step that the robot is carried anywhere (kidnapping).
-
-    Raises:
-        ConfigError: If a number is out of its range, or ``n_min`` above ``n_max``.
-    """
-
-    n_min: int = 10_000
-    n_max: int = 200_000
-    per_state: float = 100.0
-    ess_ratio: float = 0.5
-    resampling: str = "systematic"
-    sigma_factor: float = 2.0
-    likelihood_power: float = 0.7
-    roughening_xy: float = 0.02
-    roughening_theta: float = float(np.deg2rad(1.0))
-    reading_bin: float = 0.1
-    repetition: float = inf
-    sectors: int = 12
-    place_size: float = 0.25
-    contact_floor: float = 0.02
-    contact_reach: float = 0.2
-    odometry_floor: float = 0.05
-    leak: float = 0.0
-
-    def __post_init__(self) -> None:
-        checks.integer("belief.n_min", self.n_min, 1, 10_000_000)
-        checks.integer("belief.n_max", self.n_max, 1, 10_000_000)
-        if self.n_min > self.n_max:
-            raise ConfigError(
-                f"belief.n_min must be at most belief.n_max; got {self.n_min} and {self.n_max}"
-            )
-        checks.number("belief.per_state", self.per_state, 0.0, 1e6)
-        checks.choice("belief.resampling", self.resampling, tuple(SCHEMES))
-        checks.number("belief.ess_ratio", self.ess_ratio, 0.0, 1.0, above_low=True)
-        checks.number("belief.sigma_factor", self.sigma_factor, 0.1, 100.0)
-        checks.number("belief.likelihood_power", self.likelihood_power, 0.0, 1.0, above_low=True)
-        checks.number("belief.roughening_xy", self.roughening_xy, 0.0, 10.0)
-        checks.number("belief.roughening_theta", self.roughening_theta, 0.0, np.pi)
-        checks.number("belief.reading_bin", self.reading_bin, 0.0, 1e4, above_low=True)
-        if self.repetition != inf:
-            checks.number("belief.repetition", self.repetition, 0.0)
-        checks.integer("belief.sectors", self.sectors, 1, 3600)
-        checks.number("belief.place_size", self.place_size, 0.0, 1e3, above_low=True)
-        checks.number("belief.contact_reach", self.contact_reach, 0.0, 1e3)
-        for name in ("contact_floor", "odometry_floor"):
-            checks.number(f"belief.{name}", getattr(self, name), 0.0, 1.0, above_low=True)
-        checks.number("belief.leak", self.leak, 0.0, 1.0)
 
 
 @njit(cache=True, nogil=True)

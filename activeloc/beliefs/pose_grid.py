@@ -122,7 +122,8 @@ class PoseGrid:
     @cached_property
     def thetas(self) -> NDArray[np.float64]:
         """``(K,)``; centres of the heading bins, from just above -pi [rad]."""
-        return -np.pi + (np.arange(self.headings) + 0.5) * self.bin_width
+        middles: NDArray[np.float64] = np.arange(self.headings, dtype=np.float64) + 0.5
+        return middles * self.bin_width - np.pi
 
     def sub_poses(self) -> NDArray[np.float64]:
         """``(C, SUB * SUB, 2)``; x and y of every sub-pose [m], open or not."""

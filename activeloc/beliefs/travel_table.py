@@ -122,6 +122,65 @@ def _at(index: NDArray[np.int32], row: int, col: int) -> int:
 
 
 @njit(cache=True, nogil=True)
+def _add_probe(
+    targets: NDArray[np.int32],
+    parts: NDArray[np.float64],
+    n: int,
+    cell: int,
+    row: int,
+    col: int,
+    weight: float,
+    length: float,
+    offset: NDArray[np.float64],
+    angle: float,
+    index: NDArray[np.int32],
+    step: NDArray[np.int32],
+    share: NDArray[np.float32],
+    landings: tuple[int, int],
+    reach: NDArray[np.float64],
+) -> tuple[int, bool]:
+    """Add one probe's ways to its state's row; the row's new length, and whether all were open.
+
+    Args:
+        targets: ``(MAX_TARGETS,)``; cells of the row so far.
+        parts: ``(2, MAX_TARGETS)``; their free and clipped weights.
+        n: Length of the row so far.
+        cell: The state's cell,
+        row: its row and
+        col: column.
+        weight: Of the probe in the row.
+        length: Free distance of the probe [cell].
+        offset: ``(2,)``; its place in the cell [cell].
+        angle: Its heading [rad].
+        index: ``(rows, cols)`` of cell or -1.
+        step: ``(E, 2)``; see :func:`_fill_rows`.
+        share: ``(E,)``.
+        landings: First and one past the last of the probe's entries in those.
+        reach: See :func:`_fill_rows`.
+    """
+    threshold, spread, safe, travel = reach[1:]
+    p_free = 0.5 * (1.0 + erf((length - threshold) / (spread * sqrt(2.0))))
+    landing = 0.0
+    for e in range(landings[0], landings[1]):
+        if _at(index, row + step[e, 0], col + step[e, 1]) >= 0:
+            landing += share[e]
+    # A way that is open along the probe's heading but ends on no cell of the belief.
+    if landing < 1e-3:
+        p_free = 0.0
+    if p_free > 0.0:
+        for e in range(landings[0], landings[1]):
+            there = _at(index, row + step[e, 0], col + step[e, 1])
+            if there >= 0:
+                n = _add(targets, parts, n, there, 0, weight * p_free * share[e] / landing)
+    stopped = min(length, travel)
+    stop_row = row + int(np.floor(offset[1] + stopped * np.sin(angle)))
+    stop_col = col + int(np.floor(offset[0] + stopped * np.cos(angle)))
+    there = _at(index, stop_row, stop_col)
+    n = _add(targets, parts, n, there if there >= 0 else cell, 1, weight * (1.0 - p_free))
+    return n, length >= safe and landing > 0.9999
+
+
+@njit(cache=True, nogil=True)
 def _fill_rows(
     first: int,
     last: int,
@@ -162,8 +221,7 @@ def _fill_rows(
         target: Overwritten with cells.
         weight: ``(2, ...)``, overwritten with free and clipped weights.
     """
-    unit, threshold, spread, safe, travel = reach
-    n_subs = is_open.shape[1]
+    n_probes = is_open.shape[1]
     targets = np.empty(MAX_TARGETS, dtype=np.int32)
     parts = np.zeros((2, MAX_TARGETS))
     written = 0
@@ -172,31 +230,16 @@ def _fill_rows(
         n_open = is_open[c].sum()
         for k in range(angles.shape[0]):
             n = 0
-            plain = n_open == n_subs
-            for s in range(n_subs):
+            plain = n_open == n_probes
+            for s in range(n_probes):
                 if not is_open[c, s]:
                     continue
-                length = free[c, k, s] * unit
-                p_free = 0.5 * (1.0 + erf((length - threshold) / (spread * sqrt(2.0))))
-                landing = 0.0
-                for e in range(start[k * n_subs + s], start[k * n_subs + s + 1]):
-                    if _at(index, row + step[e, 0], col + step[e, 1]) >= 0:
-                        landing += share[e]
-                plain = plain and length >= safe and landing > 0.9999
-                # A way that is open along the bin's centre but ends on no cell of the belief.
-                if landing < 1e-3:
-                    p_free = 0.0
-                if p_free > 0.0:
-                    for e in range(start[k * n_subs + s], start[k * n_subs + s + 1]):
-                        cell = _at(index, row + step[e, 0], col + step[e, 1])
-                        if cell >= 0:
-                            w = p_free * share[e] / (landing * n_open)
-                            n = _add(targets, parts, n, cell, 0, w)
-                length = min(length, travel)
-                stop_row = row + int(np.floor(lattice[s, 1] + length * np.sin(angles[k, s])))
-                stop_col = col + int(np.floor(lattice[s, 0] + length * np.cos(angles[k, s])))
-                stop = _at(index, stop_row, stop_col)
-                n = _add(targets, parts, n, stop if stop >= 0 else c, 1, (1.0 - p_free) / n_open)
+                landings = start[k * n_probes + s], start[k * n_probes + s + 1]
+                n, is_plain = _add_probe(
+                    targets, parts, n, c, row, col, 1.0 / n_open, free[c, k, s] * reach[0],
+                    lattice[s], angles[k, s], index, step, share, landings, reach,
+                )  # fmt: skip
+                plain = plain and is_plain
             if plain:
                 n = 0
             size[(c - first) * angles.shape[0] + k] = n
