@@ -111,7 +111,9 @@ class LocalizationEnv(gym.Env[Observation, Any]):
         self._episodes = Episodes(self.config, 1)
         self._history: list[float] = []
         self.action_space = self.config.actions.space
-        self.observation_space: gym.spaces.Space[Any] = self.config.observation.space(len(self.config.sensor.bearings))
+        self.observation_space: gym.spaces.Space[Any] = self.config.observation.space(
+            len(self.config.sensor.bearings)
+        )
 
     @property
     def knowledge(self) -> Knowledge:

@@ -21,7 +21,7 @@ def entropy(p: NDArray[np.floating]) -> float:
     return float(-(positive * np.log(positive)).sum())
 
 
-def _overlap(
+def overlap(
     start: NDArray[np.float64], width: float, bin_width: float
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """Bins that intervals ``[start, start + width]`` lie in, and the share in each: ``(N, W)``."""
@@ -80,8 +80,8 @@ class CommonBins:
             Place ``(C, P)`` and share ``(C, P)``; shares sum to one.
         """
         start = grid.cells[:, ::-1].astype(np.float64) * grid.cell_size
-        cols, col_share = _overlap(start[:, 0], grid.cell_size, self.size)
-        rows, row_share = _overlap(start[:, 1], grid.cell_size, self.size)
+        cols, col_share = overlap(start[:, 0], grid.cell_size, self.size)
+        rows, row_share = overlap(start[:, 1], grid.cell_size, self.size)
         rows, cols = rows.clip(0, self.shape[0] - 1), cols.clip(0, self.shape[1] - 1)
         place = rows[:, :, None] * self.shape[1] + cols[:, None, :]
         share = row_share[:, :, None] * col_share[:, None, :]
@@ -92,5 +92,5 @@ class CommonBins:
     def headings_of(self, grid: PoseGrid) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Heading bins under each of the grid's, and their shares: ``(K, P)`` each."""
         start = grid.thetas - 0.5 * grid.bin_width + np.pi
-        bins, share = _overlap(start, grid.bin_width, self.angle)
+        bins, share = overlap(start, grid.bin_width, self.angle)
         return bins % self.n_headings, share / share.sum(axis=1, keepdims=True)

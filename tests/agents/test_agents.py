@@ -60,7 +60,7 @@ def state_of(env):
 
 def believing(grid, masses, *, sensor=None, motion=NO_NOISE, actions=None, **config):
     """What a robot knows that gives poses ``[(pose, mass), ...]`` some mass: uniform if None."""
-    sensor = sensor or BeamModel()
+    sensor = sensor or BeamModel(beams=3, field_of_view=np.pi / 3.0, z_max=1.5)
     config = {"cell_size": 0.5, "headings": 12, "repetition": float("inf"), **config}
     belief = HistogramBelief(1, HistogramConfig(**config), sensor, motion)
     belief.reset(0, grid)
@@ -119,7 +119,7 @@ def test_greedy_says_that_it_needs_a_table_of_actions():
 @pytest.mark.parametrize("name", AGENTS)
 def test_it_does_not_see_the_truth(name, belief):
     """The true poses are made NaN, then somebody else's, while it chooses."""
-    env, agents = make(belief=belief), [quick(name, seed=5) for _ in range(3)]
+    env, agents = make(belief=belief, task={"hold": 1000}), [quick(name, 5) for _ in range(3)]
     observation, _ = env.reset(seed=2)
     poses = env._episodes.simulator.poses
     for _ in range(18 if name == "spin" else 5):
@@ -134,11 +134,16 @@ def test_it_does_not_see_the_truth(name, belief):
 
 def test_planners_plan_with_what_the_filter_assumes():
     """Not with what is true."""
-    env = make(filter_sensor={"sigma_hit": 0.3}, filter_motion={"radius": 0.1})
+    env = make(
+        sensor={"sigma_hit": 0.1},
+        filter_sensor={"sigma_hit": 0.3},
+        motion={"radius": 0.2},
+        filter_motion={"radius": 0.1},
+    )
     env.reset(seed=0)
     assert env.knowledge.sensor.sigma_hit == 0.3
     assert env.knowledge.motion.radius == env.knowledge.belief.terrain(0).radius == 0.1
-    assert env.config.sensor.sigma_hit == 0.1
+    assert env._episodes.simulator.sensor.sigma_hit == 0.1
     assert env._episodes.simulator.terrain(0).radius == 0.2
 
 
@@ -167,7 +172,7 @@ def test_a_reset_agent_remembers_nothing(name):
     for _ in range(5):
         agent.act(observation, env.knowledge)
     agent.reset(np.random.default_rng(7))
-    for _ in range(5):
+    for _ in range(14):
         assert agent.act(observation, env.knowledge) == fresh.act(observation, env.knowledge)
 
 
@@ -406,7 +411,7 @@ def test_being_stopped_tells_the_stopped_from_the_free(news, expected):
 
 
 def test_hypotheses_walk_until_a_wall_stops_them():
-    """East of (2.75, 0.75) stands a wall at x = 3.5 - 0.5 - 1; a stopped one stays, but turns."""
+    """The first stands a quarter of a metre from a wall; stopped, it stays there, but it turns."""
     poses = [(1.75, 0.75, np.pi / 12), (0.75, 1.75, np.pi / 12)]
     knowledge = believing(HALL, [(pose, 0.5) for pose in poses])
     rng, east = np.random.default_rng(0), np.array([0.0, 0.5, 0.0])
@@ -422,6 +427,9 @@ def test_hypotheses_walk_until_a_wall_stops_them():
     turned = twice.after(knowledge, np.array([np.pi / 6, 0.0, 0.0]), rng, times=3)
     np.testing.assert_allclose(turned.poses[:, 2], np.pi / 2, atol=1e-9)
     np.testing.assert_allclose(turned.poses[:, :2], twice.poses[:, :2], atol=1e-9)
+    further = turned.after(knowledge, 0.5 * east, rng)
+    np.testing.assert_allclose(further.poses[0], turned.poses[0])  # Its walk has ended.
+    np.testing.assert_allclose(further.poses[1, :2], [2.25, 2.0], atol=1e-5)
     np.testing.assert_array_equal(here.poses, at)
     assert not here.stopped.any()
     assert twice.after(knowledge, east, rng, times=0) is twice
@@ -525,17 +533,16 @@ def corridor(niche=None):
 
 
 def corridor_agent(**settings):
-    agent = ActiveMarkovAgent(
-        distances=(2.0,), bearings=2, step_cost=0.01, samples=200, readings=30, **settings
-    )
+    settings = {"bearings": 2, "step_cost": 0.01, "samples": 200, "readings": 30, **settings}
+    agent = ActiveMarkovAgent(distances=(2.0,), **settings)
     agent.reset(np.random.default_rng(0))
     return agent
 
 
-def lost_in(grid):
+def lost_in(grid, heading=0.0):
     """Either 6 m or 9.5 m along the corridor, heading east; beams to all four sides."""
     sensor = BeamModel(beams=4, field_of_view=2 * np.pi, z_max=1.5)
-    poses = itertools.product((6.25, 9.75), (1.25,), (-0.05, 0.05))
+    poses = itertools.product((6.25, 9.75), (1.25,), (heading - 0.05, heading + 0.05))
     return believing(grid, [(pose, 0.25) for pose in poses], sensor=sensor, headings=36)
 
 
@@ -546,6 +553,20 @@ def test_active_walks_to_where_the_hypotheses_differ(niche, west):
     assert walk[-4:] == [FORWARD] * 4
     assert (len(walk) == 10) == west
     assert set(walk[:-4]) <= {LEFT, RIGHT}
+
+
+@pytest.mark.parametrize(
+    ("niche", "heading", "turn"),
+    [
+        (4.0, np.pi / 2, LEFT),
+        (8.0, np.pi / 2, RIGHT),
+        (4.0, -np.pi / 2, RIGHT),
+        (8.0, -np.pi / 2, LEFT),
+    ],
+)
+def test_active_turns_to_the_side_where_they_differ(niche, heading, turn):
+    walk = corridor_agent(bearings=4)._choose(lost_in(corridor(niche), heading))
+    assert walk == [turn] * 3 + [FORWARD] * 4
 
 
 def test_active_takes_the_cheaper_of_two_ways_that_tell_nothing():
@@ -560,10 +581,10 @@ def test_active_asks_what_a_way_costs():
 
 
 def test_active_walks_all_the_way_unless_an_obstacle_ends_it(monkeypatch):
-    knowledge, agent, walks = lost_in(corridor()), corridor_agent(), iter([[0, 2], [1, 2, 2], [2]])
+    knowledge, agent, walks = lost_in(corridor()), corridor_agent(), iter([[0, 2], [1, 2, 2], [0]])
     monkeypatch.setattr(agent, "_choose", lambda knowledge: next(walks))
     seen = [agent.act({}, replace(knowledge, touched=t)) for t in (0, 0, 0, 0, 1)]
-    assert seen == [0, 2, 1, 2, 2]
+    assert seen == [0, 2, 1, 2, 0]
     assert agent._walk == []
 
 

@@ -13,7 +13,7 @@ from activeloc.motion import MotionModel, MotionNoise, move
 from activeloc.sensors import BeamModel, LikelihoodField
 
 MOTION = MotionModel(odometry=MotionNoise(0.13, 0.05, 0.1), radius=0.1)
-SENSOR = BeamModel(sigma_hit=0.3, w_hit=0.8, w_short=0.05, w_max=0.05, w_rand=0.1)
+SENSOR = BeamModel(3, pi / 3, sigma_hit=0.3, w_hit=0.8, w_short=0.05, w_max=0.05, w_rand=0.1)
 OFF = {
     "per_state": 0.0,
     "sigma_factor": 1.0,
@@ -150,7 +150,7 @@ def test_no_reading_leaves_the_belief_as_it_was_to_the_bit():
 
 
 def test_impossible_evidence_keeps_the_prediction():
-    sure = BeamModel(sigma_hit=0.01, w_hit=1.0, w_short=0.0, w_max=0.0, w_rand=0.0)
+    sure = BeamModel(3, pi / 3, sigma_hit=0.01, w_hit=1.0, w_short=0.0, w_max=0.0, w_rand=0.0)
     belief = cloud(100, sensor=sure)
     belief.reset(0, hall(), np.random.default_rng(0), np.tile([1.2, -0.2, 0.0], (100, 1)))
     before = belief.particles(0)
@@ -159,7 +159,7 @@ def test_impossible_evidence_keeps_the_prediction():
         np.testing.assert_array_equal(array, copy)
 
 
-@pytest.mark.parametrize("sensor", [SENSOR, LikelihoodField(sigma_hit=0.3)])
+@pytest.mark.parametrize("sensor", [SENSOR, LikelihoodField(3, pi / 3, sigma_hit=0.3)])
 def test_splitting_the_beams_in_two_updates_changes_nothing(sensor):
     scan, whole = np.array([0.5, 1.5, 0.7]), cloud(2000, sensor=sensor, ess_ratio=1e-6)
     parts = whole.copy()

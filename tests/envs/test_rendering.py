@@ -461,7 +461,7 @@ def test_a_film_that_fails_leaves_the_old_one(tmp_path, monkeypatch):
     def fail(*_):
         raise OSError("disk")
 
-    monkeypatch.setattr("activeloc.envs.rendering.film.os.replace", fail)
+    monkeypatch.setattr("activeloc.files.os.replace", fail)
     with pytest.raises(OSError, match="disk"):
         write_gif(film(2), path)
     assert path.read_bytes() == b"old"

@@ -22,7 +22,7 @@ BUILDINGS = [
         Office(corridors=1, rooms=3, door=0.6, changes=2, resolution=0.1), id="one-corridor"
     ),
     pytest.param(Office(corridors=3, rooms=4, corridor=1.0, changes=12), id="three-corridors"),
-    pytest.param(Office(room_width=2.4, room_depth=2.4, wall=0.1, changes=22), id="small-offices"),
+    pytest.param(Office(room_width=2.4, room_depth=2.4, wall=0.1, changes=19), id="small-offices"),
     pytest.param(Rooms(), id="rooms"),
     pytest.param(Rooms(smallest=1.6, door=0.6, furniture=9, resolution=0.1), id="small-rooms"),
     pytest.param(Rooms(width=5.0, height=14.0, p_second_door=1.0), id="tall-home"),
@@ -132,11 +132,11 @@ def passable_area(grid: OccupancyGrid) -> float:
 
 def test_the_default_office_is_the_size_of_the_task():
     areas = [passable_area(draw(Office(), seed)) for seed in SEEDS]
-    assert 250.0 < min(areas) <= max(areas) < 300.0
+    assert 250.0 < min(areas) <= max(areas) < 260.0
 
 
 def test_office_is_alike_where_nothing_was_changed():
-    """Of 8 x 3 rooms less two, most show the same floor in the same frame."""
+    """Of 7 x 3 rooms less two, most of the outer rows show the same floor in the same frame."""
     pitch, depth, wall = 71, 68, 3
     for seed in SEEDS:
         cells = draw(Office(changes=5), seed).cells
@@ -148,13 +148,13 @@ def test_office_is_alike_where_nothing_was_changed():
                 if faces_up
                 else slice(bottom - wall, bottom + depth)
             )
-            for column in range(8):
+            for column in range(7):
                 left = wall + column * pitch
                 room = cells[rows, left : left + 68]
                 floors.append((room if faces_up else np.rot90(room, 2)).tobytes())
         commonest = max(floors.count(floor) for floor in floors)
-        assert commonest >= 16 - 5 - 1
-        assert commonest < 16
+        assert commonest >= 14 - 5 - 1
+        assert commonest < 14
 
 
 def test_each_change_changes_the_office():
@@ -169,7 +169,7 @@ def test_office_doors_are_as_wide_as_asked():
     front = grid.free[3 + 68 + 1]
     edges = np.flatnonzero(np.diff(front.astype(int)))
     widths = (edges[1::2] - edges[::2]) * grid.resolution
-    assert len(widths) == 8
+    assert len(widths) == 7
     np.testing.assert_allclose(widths, 1.0)
 
 
@@ -183,7 +183,7 @@ def test_buildings_of_the_first_seed_stay_what_they_are():
     digests = {
         name: draw(GENERATORS[name](), 0).digest[:12] for name in ("maze", "office", "rooms")
     }
-    assert digests == {"maze": "2b8494cdfe34", "office": "392142d50e75", "rooms": "5ee16203dd73"}
+    assert digests == {"maze": "2b8494cdfe34", "office": "dcddddb37a15", "rooms": "5ee16203dd73"}
 
 
 BAD = {
@@ -197,7 +197,7 @@ BAD = {
     "office-nan": (Office, {"corridor": float("nan")}, "office corridor must be .* got nan"),
     "office-wide-links": (Office, {"corridor": 4.0}, "corridor must be at most room_width"),
     "office-no-changes": (Office, {"changes": 0}, "office changes must be"),
-    "office-many-changes": (Office, {"changes": 23}, "number of rooms, 22, got 23"),
+    "office-many-changes": (Office, {"changes": 20}, "number of rooms, 19, got 20"),
     "office-coarse": (Office, {"resolution": 0.5}, "office resolution must be"),
     "office-endless": (
         Office,
