@@ -116,7 +116,7 @@ def test_a_figure_that_fails_leaves_the_old_one(tmp_path, monkeypatch):
     def fail(*_):
         raise OSError("disk")
 
-    monkeypatch.setattr(plots.os, "replace", fail)
+    monkeypatch.setattr("activeloc.files.os.replace", fail)
     with pytest.raises(OSError, match="disk"):
         plot_entropy_curves(CURVES, path)
     assert path.read_bytes() == b"old"
