@@ -1,7 +1,8 @@
 """Cost of a belief's update and of a decision, on a generated office.
 
-CPU time of the calling thread: medians over repetitions, with the spread between the tenth and the ninetieth percentile; each row
-also as a multiple of the first row of its table, since machines differ.
+CPU time of the calling thread: medians over repetitions, with the spread between the tenth and the
+ninetieth percentile; each row also as a multiple of the first row of its table, since machines
+differ.
 """
 
 from __future__ import annotations
