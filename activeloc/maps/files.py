@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import stat
-import tempfile
 from pathlib import Path
 
+from activeloc import files
 from activeloc.errors import MapError
 
 
@@ -41,18 +40,9 @@ def write_atomically(path: Path, content: bytes) -> None:
     Raises:
         MapError: If it cannot be written; an older file is untouched then.
     """
-    temporary = None
     try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".map-", delete=False) as file:
-            temporary = file.name
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
+        files.write_atomically(path, content)
     except (OSError, ValueError) as error:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
         raise MapError(f"{path}: cannot write the map: {reason_of(error)}") from None
 
 
