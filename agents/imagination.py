@@ -20,6 +20,8 @@ from activeloc.beliefs.place import PlaceMemory
 from activeloc.envs.episodes import Knowledge
 from activeloc.motion import move
 
+EXACT_UP_TO = 64  # Joint readings that are summed over one by one; more are drawn.
+
 
 @dataclass(frozen=True, slots=True)
 class Imagined:
@@ -146,6 +148,54 @@ def posterior_entropies(
         out[j] = h
 
 
+@njit(cache=True, nogil=True)
+def exact_entropy(
+    rows: NDArray[np.int32],
+    log_p: NDArray[np.float32],
+    stopped: NDArray[np.bool_],
+    weights: NDArray[np.float64],
+    log_contact: float,
+    bins: NDArray[np.int64],
+    n_bins: int,
+) -> float:
+    """Mean posterior entropy, summed over every joint reading instead of drawn [nat].
+
+    Arguments as :func:`posterior_entropies`; for few beams and readings, since there are Z^B sums.
+    """
+    n, n_beams = rows.shape
+    n_readings = log_p.shape[0]
+    joint = np.empty(n)
+    mass = np.empty(n_bins)
+    expected = 0.0
+    for code in range(2 * n_readings**n_beams):
+        case, rest = code % 2, code // 2
+        p_case = 0.0
+        joint[:] = 0.0
+        for m in range(n):
+            log_likelihood, left = 0.0, rest
+            for b in range(n_beams):
+                value = log_p[left % n_readings, rows[m, b]]
+                left //= n_readings
+                log_likelihood += value
+                joint[m] += weights[case, b] * value
+            if stopped[m] == (case == 1):
+                p_case += np.exp(log_likelihood) / n
+            else:
+                joint[m] += log_contact
+        if p_case == 0.0:
+            continue
+        shift = joint.max()
+        mass[:] = 0.0
+        for m in range(n):
+            mass[bins[m]] += np.exp(joint[m] - shift)
+        total = mass.sum()
+        for i in range(n_bins):
+            if mass[i] > 0.0:
+                p = mass[i] / total
+                expected -= p_case * p * np.log(p)
+    return expected
+
+
 def expected_entropy(
     knowledge: Knowledge,
     imagined: Imagined,
@@ -154,6 +204,8 @@ def expected_entropy(
     contact_floor: float = 0.05,
 ) -> float:
     """Entropy that a scan is expected to leave, on the common bins [nat].
+
+    Exact over the readings where there are at most ``EXACT_UP_TO`` joint ones, drawn otherwise.
 
     Args:
         knowledge: What the robot knows.
@@ -170,6 +222,13 @@ def expected_entropy(
     weights = np.stack(
         [imagined.place_if_free.weigh(bearings), imagined.place_if_stopped.weigh(bearings)]
     )
+    log_contact = float(np.log(contact_floor)) if imagined.news else 0.0
+    if log_p.shape[0] ** len(bearings) <= EXACT_UP_TO:
+        return float(
+            exact_entropy(
+                rows, log_p, imagined.stopped, weights, log_contact, compact, len(distinct)
+            )
+        )
     m, out = len(imagined.poses), np.empty(readings)
     # Every stretch of the hypotheses is the truth once: a stratified draw.
     chosen = ((np.arange(readings) + rng.random(readings)) / readings * m).astype(np.int64)
@@ -179,7 +238,7 @@ def expected_entropy(
         log_p,
         imagined.stopped,
         weights,
-        float(np.log(contact_floor)) if imagined.news else 0.0,
+        log_contact,
         compact.astype(np.int64),
         len(distinct),
         chosen,
