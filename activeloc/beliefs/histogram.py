@@ -267,7 +267,6 @@ class HistogramBelief:
         bearings = self.sensor.bearings
         weights = np.zeros(len(readings))
         weights[valid] = self.config.likelihood_power * track.place.weigh(bearings[valid])
-        track.place.read(bearings[valid])
         score = np.empty(track.bel.shape)
         total, shift = kernels.correct(
             track.bel, track.cells, table.row, table.log_p, readings, table.offsets,
@@ -275,6 +274,7 @@ class HistogramBelief:
         )  # fmt: skip
         if total == 0.0:
             return -inf
+        track.place.read(bearings[valid])
         self._normalise(track, total)
         return float(np.log(total) + shift)
 

@@ -261,7 +261,6 @@ class ParticleBelief:
         bearings = self.sensor.bearings
         weights = np.zeros(len(readings))
         weights[valid] = cloud.place.weigh(bearings[valid])
-        cloud.place.read(bearings[valid])
         before = np.logaddexp.reduce(cloud.log_w)
         log_w = cloud.log_w.copy()
         rows, log_p = self.forecast(robot, cloud.poses)
@@ -269,6 +268,7 @@ class ParticleBelief:
         after = np.logaddexp.reduce(log_w)
         if after == -inf:
             return -inf
+        cloud.place.read(bearings[valid])
         cloud.log_w = log_w - after
         self._resample(cloud)
         return float(after - before)

@@ -71,7 +71,7 @@ def make_sweep(
         raise unknown("--env", env, ENVIRONMENTS)
     for agent in agents:
         if agent not in AGENTS:
-            raise unknown("--agents", agent, AGENTS)
+            raise unknown("agent", agent, AGENTS)
     tree = parse_settings(settings)
     given = _agent_settings(tree.pop("agent", {}), agents)
     base = {**ENVIRONMENTS[name], "belief": belief}

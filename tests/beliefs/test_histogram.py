@@ -378,6 +378,7 @@ def test_impossible_evidence_keeps_the_prediction():
     belief.reset(0, belief.terrain(0).grid, certain)
     assert belief.correct(0, np.array([0.02, 0.02, 0.02])) == -inf
     np.testing.assert_array_equal(belief.probabilities(0), certain)
+    assert belief.place(0).readings.sum() == 0
 
 
 def test_splitting_the_beams_in_two_updates_changes_nothing():
