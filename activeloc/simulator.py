@@ -4,6 +4,10 @@ In the *continuous* world a robot stands at a pose and stays where it is. The *d
 the histogram filter's own assumption made true: before every motion and every beam the robot's
 place inside its cell and its heading inside its bin are drawn anew. There a filter must be
 calibrated whatever the map; where it is not, the filter is wrong and not its assumptions.
+
+*People* who are on no map may stand in the way, in either world: each beam meets one with a given
+probability, whatever the other beams meet and whatever it met before. A beam that does reads where
+the person stands, uniform between the robot and the range that the map alone would give.
 """
 
 from __future__ import annotations
@@ -13,12 +17,13 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from activeloc import checks
 from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.errors import MapError
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import MotionModel, Terrain, wrap
 from activeloc.sensors import RangeSensor
-from activeloc.sensors.readings import rays_of
+from activeloc.sensors.readings import expected_range, rays_of
 
 
 @lru_cache(maxsize=32)
@@ -32,6 +37,32 @@ def _pose_grid(grid: OccupancyGrid, radius: float, cell_size: float, headings: i
     return PoseGrid(terrain_of(grid, radius), cell_size, headings)
 
 
+def checked_pose(terrain: Terrain, pose: object, name: str = "pose") -> NDArray[np.float64]:
+    """A pose that somebody gave: ``(3,)``, theta in [-pi, pi).
+
+    Args:
+        terrain: Where the robot can be.
+        pose: What was given.
+        name: Its name, for messages.
+
+    Raises:
+        MapError: If it is no pose, or not one where the robot can be.
+    """
+    try:
+        given = np.array(pose, dtype=np.float64)
+    except (TypeError, ValueError):
+        given = np.empty(0)
+    if given.shape != (3,) or not np.isfinite(given).all():
+        raise MapError(f"{name} must be three finite numbers x, y, theta; got {pose!r}")
+    if not bool(terrain.contains(given)):
+        raise MapError(
+            f"{name} ({given[0]:g}, {given[1]:g}) m on {terrain.grid.name} is in or too near an "
+            f"obstacle for a robot of radius {terrain.radius:g} m, or cut off"
+        )
+    given[2] = wrap(given[2])
+    return given
+
+
 class Simulator:
     """B robots, each on its own map.
 
@@ -43,6 +74,10 @@ class Simulator:
         sensor: The true sensor.
         motion: The true motion model.
         redraw: Cell size [m] and number of headings of the discrete world; None for the continuous.
+        people: Probability that a beam is cut short by somebody who is not on the map.
+
+    Raises:
+        ConfigError: If ``people`` is no probability.
     """
 
     def __init__(
@@ -51,7 +86,10 @@ class Simulator:
         sensor: RangeSensor,
         motion: MotionModel,
         redraw: tuple[float, int] | None = None,
+        people: float = 0.0,
     ) -> None:
+        checks.number("people", people, 0.0, 1.0)
+        self.people = people
         self.sensor = sensor
         self.motion = motion
         self.redraw = redraw
@@ -78,21 +116,8 @@ class Simulator:
         """
         terrain = terrain_of(grid, self.motion.radius)
         drawn = terrain.uniform_poses(rng.random((1, 4)))[0]
-        if pose is not None:
-            try:
-                drawn = np.array(pose, dtype=np.float64)
-            except (TypeError, ValueError):
-                drawn = np.empty(0)
-            if drawn.shape != (3,) or not np.isfinite(drawn).all():
-                raise MapError(f"pose must be three finite numbers x, y, theta; got {pose!r}")
-            if not bool(terrain.contains(drawn)):
-                raise MapError(
-                    f"pose ({drawn[0]:g}, {drawn[1]:g}) m on {grid.name} is in or too near an "
-                    f"obstacle for a robot of radius {self.motion.radius:g} m, or cut off"
-                )
-            drawn[2] = wrap(drawn[2])
+        self.poses[robot] = drawn if pose is None else checked_pose(terrain, pose)
         self.grids[robot] = grid
-        self.poses[robot] = drawn
 
     def terrain(self, robot: int) -> Terrain:
         """Where a robot can be."""
@@ -131,7 +156,10 @@ class Simulator:
         start = self._redrawn(robot, uniforms)
         reached, carried_out = self.motion.execute(terrain, start, command, normals[0])
         self.poses[robot] = reached[0]
-        return self.motion.read_odometry(carried_out, normals[1])[0]
+        u = self.motion.read_odometry(carried_out, normals[1])
+        if self.motion.blunder > 0.0:
+            u = self.motion.misread(u, np.asarray(command), rng.random((1, 5)))
+        return u[0]
 
     def scan(self, robot: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """What the sensor reads: ``(B,)`` [m]."""
@@ -142,4 +170,9 @@ class Simulator:
         else:
             rays = self._redrawn(robot, redraw)
             rays[:, 2] += bearings
-        return self.sensor.read(self._grid(robot), rays, uniforms)
+        readings = self.sensor.read(self._grid(robot), rays, uniforms)
+        if self.people == 0.0:
+            return readings
+        meets, where = rng.random((len(bearings), 2)).T
+        person = where * expected_range(self.sensor, self._grid(robot), rays)
+        return np.where(meets < self.people, person, readings)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.raycast import cast_ray
-from activeloc.sensors import BeamModel, RangeSensor, ReadingBins
+from activeloc.sensors import ExpectedRangeSensor, RangeSensor, ReadingBins
 
 ANGLES = 3  # Directions probed across a heading bin.
 LEVELS = 32  # Shares of a cell's rays are rounded to multiples of 1 / LEVELS.
@@ -65,6 +65,7 @@ def _count_ranges(
     sub_poses: NDArray[np.float64],
     is_open: NDArray[np.bool_],
     angles: NDArray[np.float64],
+    cone: NDArray[np.float64],
     z_max: float,
     counts: NDArray[np.int32],
 ) -> None:
@@ -75,17 +76,20 @@ def _count_ranges(
         sub_poses: ``(C, S, 2)`` of column and row [cell].
         is_open: ``(C, S)``.
         angles: ``(D, ANGLES)`` [rad].
+        cone: ``(R,)`` of directions about each angle [rad]; the nearest range is the expected one.
         z_max: [cell].
         counts: ``(C, D, Q + 1)``, zeros; the last class is "nothing in range".
     """
     n_ranges = counts.shape[2] - 1
     for d in range(angles.shape[0]):
         for a in range(angles.shape[1]):
-            dx, dy = np.cos(angles[d, a]), np.sin(angles[d, a])
+            dx, dy = np.cos(angles[d, a] + cone), np.sin(angles[d, a] + cone)
             for c in range(sub_poses.shape[0]):
                 for s in range(sub_poses.shape[1]):
                     if is_open[c, s]:
-                        z = cast_ray(blocked, sub_poses[c, s, 0], sub_poses[c, s, 1], dx, dy, z_max)
+                        x, y, z = sub_poses[c, s, 0], sub_poses[c, s, 1], z_max
+                        for r in range(cone.shape[0]):
+                            z = cast_ray(blocked, x, y, dx[r], dy[r], z)
                         # A range on the edge of a class (a wall met at 60 degrees) goes up in
                         # every like room, however its coordinates were rounded.
                         q = n_ranges if z >= z_max else int(z / z_max * n_ranges + 1e-9)
@@ -120,8 +124,8 @@ def _distinct(
     return rows[first], inverse
 
 
-def _beam_model_rows(
-    grid: PoseGrid, sensor: BeamModel, bins: ReadingBins, angles: NDArray[np.float64]
+def _expected_range_rows(
+    grid: PoseGrid, sensor: ExpectedRangeSensor, bins: ReadingBins, angles: NDArray[np.float64]
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """Row of each cell and direction, and the rows' probabilities, from expected ranges alone."""
     world = grid.terrain.grid
@@ -137,6 +141,7 @@ def _beam_model_rows(
             sub_poses[part],
             grid.is_open[part],
             angles,
+            sensor.cone,
             sensor.z_max / world.resolution,
             counts,
         )
@@ -182,8 +187,10 @@ def build_reading_table(grid: PoseGrid, sensor: RangeSensor, reading_bin: float)
     centres = grid.thetas[0] + np.arange(per_heading * grid.headings) * step
     across = ((np.arange(ANGLES) + 0.5) / ANGLES - 0.5) * grid.bin_width
     angles = centres[:, None] + across
-    rows_of = _beam_model_rows if isinstance(sensor, BeamModel) else _sampled_rows
-    row, p = rows_of(grid, sensor, bins, angles)  # type: ignore[arg-type]
+    if isinstance(sensor, ExpectedRangeSensor):
+        row, p = _expected_range_rows(grid, sensor, bins, angles)
+    else:
+        row, p = _sampled_rows(grid, sensor, bins, angles)
     with np.errstate(divide="ignore"):
         log_p = np.log(p).astype(np.float32)
     return ReadingTable(bins, row, np.ascontiguousarray(log_p.T), offsets, per_heading)

@@ -11,8 +11,7 @@ from scipy.special import log_ndtr, ndtr, ndtri
 from activeloc import checks
 from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
-from activeloc.raycast import cast_scan
-from activeloc.sensors.readings import ReadingBins, spread_bearings
+from activeloc.sensors.readings import ReadingBins, nearest_range, spread_bearings
 
 
 def check_beams(owner: str, beams: object, field_of_view: object, z_max: object) -> None:
@@ -77,9 +76,14 @@ class BeamModel:
         """``(B,)``; beam angles relative to the heading, right to left [rad]."""
         return spread_bearings(self.beams, self.field_of_view)
 
+    @property
+    def cone(self) -> NDArray[np.float64]:
+        """See :attr:`ExpectedRangeSensor.cone`; a beam is thin."""
+        return np.zeros(1)
+
     def expected(self, grid: OccupancyGrid, rays: NDArray[np.float64]) -> NDArray[np.float64]:
         """z*: exact range of each ray ``(..., 3)``, at most ``z_max`` [m]."""
-        return cast_scan(grid, rays, np.zeros(1), self.z_max)[..., 0]
+        return nearest_range(grid, rays, self.cone, self.z_max)
 
     def _weights(
         self, z_expected: NDArray[np.float64]

@@ -117,15 +117,13 @@ class LikelihoodField:
         """See :meth:`RangeSensor.bin_probabilities`."""
         flat = np.asarray(rays, dtype=np.float64).reshape(-1, 3)
         in_cells = np.column_stack([grid.to_cells(flat[:, :2]), flat[:, 2]])
-        own = ReadingBins(self.z_max, self.reading_bin).edges
-        centres = 0.5 * (own[1:] + own[:-1]) / grid.resolution
+        own = ReadingBins(self.z_max, self.reading_bin)
+        centres = 0.5 * (own.edges[1:] + own.edges[:-1]) / grid.resolution
         out = np.empty((len(flat), len(own)))
         parts = np.array([self.w_hit, self.w_max, self.w_rand])
         _fill_masses(self.near(grid), in_cells, centres, parts, out)
         # Whatever bins a filter sorts readings into, they are of the density that is sampled.
-        high = np.minimum(own[1:, None], bins.edges[1:])
-        share = np.maximum(high - np.maximum(own[:-1, None], bins.edges[:-1]), 0.0)
-        below = out[:, :-1] @ (share / share.sum(axis=1, keepdims=True))
+        below = out[:, :-1] @ own.shares(bins)
         return np.column_stack([below, out[:, -1]]).reshape(*np.shape(rays)[:-1], len(bins))
 
     def read(

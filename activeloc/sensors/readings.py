@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from functools import lru_cache
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from activeloc import checks
 from activeloc.errors import ConfigError, ScanError
 from activeloc.grid import OccupancyGrid
+from activeloc.raycast import cast_scan
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +55,17 @@ class ReadingBins:
         bins = np.where(known >= self.z_max, len(self) - 1, below)
         return np.where(np.isnan(z), -1, bins).astype(np.int32)
 
+    def shares(self, others: ReadingBins) -> NDArray[np.float64]:
+        """``(Z - 1, Z' - 1)``; share of each bin below ``z_max`` that lies in each of the others.
+
+        Rows sum to one.
+        """
+        own, edges = self.edges, others.edges
+        high = np.minimum(own[1:, None], edges[1:])
+        share = np.maximum(high - np.maximum(own[:-1, None], edges[:-1]), 0.0)
+        result: NDArray[np.float64] = share / share.sum(axis=1, keepdims=True)
+        return result
+
 
 class RangeSensor(Protocol):
     """What filters, simulator and planners need of a range sensor."""
@@ -82,6 +95,55 @@ class RangeSensor(Protocol):
         ...
 
 
+@runtime_checkable
+class ExpectedRangeSensor(RangeSensor, Protocol):
+    """A sensor whose readings depend on pose and map through the expected range z* alone.
+
+    z* is the nearest of the exact ranges in the directions of :attr:`cone`. Filters cast or look up
+    z*, and tabulate :meth:`masses` once over z* instead of asking for each ray.
+    """
+
+    @property
+    def cone(self) -> NDArray[np.float64]:
+        """``(R,)``; directions about a beam's axis that it hears [rad]; one zero if it is thin."""
+        ...
+
+    def expected(self, grid: OccupancyGrid, rays: NDArray[np.float64]) -> NDArray[np.float64]:
+        """z*: nearest exact range of each ray's cone, ``(...)`` for ``(..., 3)`` [m].
+
+        At most ``z_max``, and exactly that where nothing is in range.
+        """
+        ...
+
+    def masses(self, z_expected: NDArray[np.float64], bins: ReadingBins) -> NDArray[np.float64]:
+        """P(reading in bin | z*): ``(..., Z)`` for ``(...)``; each row sums to one."""
+        ...
+
+
+def nearest_range(
+    grid: OccupancyGrid, rays: NDArray[np.float64], cone: NDArray[np.float64], z_max: float
+) -> NDArray[np.float64]:
+    """Nearest exact range in a cone about each ray ``(..., 3)``, at most ``z_max``: ``(...)`` [m].
+
+    Args:
+        grid: The map.
+        rays: x, y [m] and direction [rad] of the cones' axes.
+        cone: ``(R,)`` of directions about the axis [rad].
+        z_max: Longest range reported [m].
+    """
+    result: NDArray[np.float64] = cast_scan(grid, rays, cone, z_max).min(axis=-1)
+    return result
+
+
+def expected_range(
+    sensor: RangeSensor, grid: OccupancyGrid, rays: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """z* of each ray ``(..., 3)``: the sensor's own, or the exact range along it: ``(...)`` [m]."""
+    if isinstance(sensor, ExpectedRangeSensor):
+        return sensor.expected(grid, rays)
+    return nearest_range(grid, rays, np.zeros(1), sensor.z_max)
+
+
 def rays_of(poses: NDArray[np.float64], bearings: NDArray[np.float64]) -> NDArray[np.float64]:
     """The beams of poses ``(..., 3)`` as rays ``(..., B, 3)`` of x, y [m] and direction [rad]."""
     rays = np.repeat(np.asarray(poses, dtype=np.float64)[..., None, :], len(bearings), axis=-2)
@@ -89,15 +151,17 @@ def rays_of(poses: NDArray[np.float64], bearings: NDArray[np.float64]) -> NDArra
     return rays
 
 
+@lru_cache(maxsize=256)
 def spread_bearings(beams: int, field_of_view: float) -> NDArray[np.float64]:
     """``beams`` angles evenly over the field of view, its two ends included [rad].
 
     Over a full turn the ends are one direction, and the beams divide the circle.
     """
-    if beams == 1:
-        return np.zeros(1)
     full_turn = field_of_view >= 2.0 * np.pi - 1e-9
-    return (np.arange(beams) / (beams if full_turn else beams - 1) - 0.5) * field_of_view
+    steps = beams if full_turn else max(1, beams - 1)
+    result = (np.arange(beams) / steps - (0.5 if beams > 1 else 0.0)) * field_of_view
+    result.flags.writeable = False  # It is kept and shared.
+    return result
 
 
 def check_scan(scan: NDArray[np.float64], sensor: RangeSensor) -> NDArray[np.float64]:
