@@ -13,10 +13,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from math import hypot
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from activeloc import checks
 from activeloc.errors import ConfigError
@@ -25,6 +27,9 @@ from activeloc.raycast import cast_ray
 
 # A robot stops this far before the square that it touches [cell], and so never stands on its edge.
 MARGIN = 1e-6
+
+# A blunder of the odometry strays from the command's heading by up to this [rad].
+BLUNDER_ANGLE = float(np.deg2rad(30.0))
 
 
 def wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -63,6 +68,8 @@ class MotionNoise:
 
     def sigma(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Standard deviations of the three parts of motions ``(..., 3)``: an array like ``u``."""
+        if np.shape(u) == (3,):  # The same without numpy's overhead, which is felt at every step.
+            return np.array(self._sigmas(float(u[0]), float(u[1]), float(u[2])))
         rot1, trans, rot2 = np.moveaxis(np.asarray(u, dtype=np.float64), -1, 0)
         by_travel = self.rotation_from_translation * trans
         return np.stack(
@@ -75,6 +82,17 @@ class MotionNoise:
                 np.hypot(self.rotation_from_rotation * rot2, by_travel),
             ],
             axis=-1,
+        )
+
+    def _sigmas(self, rot1: float, trans: float, rot2: float) -> tuple[float, float, float]:
+        by_travel = self.rotation_from_translation * trans
+        return (
+            hypot(self.rotation_from_rotation * rot1, by_travel),
+            hypot(
+                self.translation_from_translation * trans,
+                self.translation_from_rotation * hypot(rot1, rot2),
+            ),
+            hypot(self.rotation_from_rotation * rot2, by_travel),
         )
 
 
@@ -103,6 +121,15 @@ class Terrain:
     def open_cells(self) -> NDArray[np.intp]:
         """``(N, 2)`` of row and column of every open cell."""
         return np.argwhere(self.open)
+
+    @cached_property
+    def room(self) -> NDArray[np.float32]:
+        """``(H, W)``; distance from each cell's centre to the nearest blocked cell's [cell].
+
+        Zero in blocked cells; the outside of the map is blocked.
+        """
+        distance = ndimage.distance_transform_edt(np.pad(self.open, 1))[1:-1, 1:-1]
+        return np.asarray(distance, dtype=np.float32)
 
     @property
     def area(self) -> float:
@@ -207,6 +234,8 @@ class MotionModel:
         radius: Of the robot's disc [m].
         contact_ratio: A translation read as less than this share of the command was stopped by an
             obstacle.
+        blunder: Probability that a step's odometry reading is badly wrong (:meth:`misread`). Only
+            the simulated robot blunders; no filter reckons with it.
 
     Raises:
         ConfigError: If a number is out of its range.
@@ -220,6 +249,7 @@ class MotionModel:
     )
     radius: float = 0.2
     contact_ratio: float = 0.7
+    blunder: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("actuation", "odometry"):
@@ -230,6 +260,7 @@ class MotionModel:
                 )
         checks.number("MotionModel.radius", self.radius, 0.0, 100.0)
         checks.number("MotionModel.contact_ratio", self.contact_ratio, 0.0, 1.0)
+        checks.number("MotionModel.blunder", self.blunder, 0.0, 1.0)
 
     def execute(
         self,
@@ -256,6 +287,32 @@ class MotionModel:
     ) -> NDArray[np.float64]:
         """What the odometry says of motions ``(N, 3)``: an array like them."""
         result: NDArray[np.float64] = carried_out + normals * self.odometry.sigma(carried_out)
+        return result
+
+    def misread(
+        self,
+        u: NDArray[np.float64],
+        command: NDArray[np.float64],
+        uniforms: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Odometry readings, each replaced by a badly wrong one with probability ``blunder``.
+
+        Slipping wheels know what they were told, not what came of it: each part of the wrong
+        reading is the command's, scaled by a factor uniform in [0, 2), and the first rotation is
+        off by an angle uniform within 30 degrees on top. So a robot stuck at a wall may read a
+        full drive, and one that drives none at all.
+
+        Args:
+            u: Readings ``(N, 3)`` as they would be.
+            command: ``(N, 3)`` or ``(3,)``.
+            uniforms: ``(N, 5)`` in [0, 1): whether, the three factors, the angle.
+
+        Returns:
+            ``(N, 3)``.
+        """
+        wrong = 2.0 * uniforms[:, 1:4] * command
+        wrong[:, 0] += (2.0 * uniforms[:, 4] - 1.0) * BLUNDER_ANGLE
+        result: NDArray[np.float64] = np.where(uniforms[:, :1] < self.blunder, wrong, u)
         return result
 
     def sample(

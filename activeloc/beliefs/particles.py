@@ -4,85 +4,39 @@ Thrun, Burgard & Fox, *Probabilistic Robotics* (2005), section 8.3.
 
 Among like rooms a few lucky particles decide, and a plain filter of some thousand particles with
 the true likelihood is sure of the wrong room more often than not. The defaults are honest instead:
-a widened and tempered likelihood, roughening, and as many particles as the belief is wide,
-``N = 100 exp(H)``. Fewer particles are faster and lie; the choice is the user's.
+a widened and tempered likelihood, roughening, as many particles as the belief is wide, and a
+background that takes over when the scans say that the robot is somewhere else
+(:mod:`activeloc.beliefs.recovery`). Fewer particles are faster and lie; the choice is the user's.
 """
 
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property
 from math import inf
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from activeloc.beliefs import NEAR_ANGLE, NEAR_RADIUS, Summary
+from activeloc.beliefs import particle_kernels as kernels
+from activeloc.beliefs.cloud import FAINT, Cloud, Ground, ground_of, log_sum, normals, spread_poses
 from activeloc.beliefs.common_bins import CommonBins, entropy
 from activeloc.beliefs.place import PlaceMemory
-from activeloc.beliefs.resampling import SCHEMES, effective_sample_size
+from activeloc.beliefs.recovery import RunningMeans, background_after
+from activeloc.beliefs.resampling import SCHEMES
+from activeloc.beliefs.sample_size import draw_until, effective_states
 from activeloc.beliefs.settings import ParticleConfig
-from activeloc.beliefs.view import view_pixels
+from activeloc.beliefs.view import view_frame
 from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
-from activeloc.motion import MotionModel, Terrain, move, wrap
-from activeloc.sensors import BeamModel, RangeSensor, ReadingBins
-from activeloc.sensors.readings import check_scan, rays_of, widened
+from activeloc.motion import MotionModel, Terrain, wrap
+from activeloc.range_table import level_ranges, levels_of, range_table
+from activeloc.sensors import RangeSensor, ReadingBins
+from activeloc.sensors.readings import ExpectedRangeSensor, check_scan, rays_of, widened
 
 __all__ = ["ParticleBelief", "ParticleConfig"]
-
-RANGE_STEP = 0.02  # Expected ranges are rounded to this when a reading is looked up [m].
-
-
-@njit(cache=True, nogil=True)
-def add_log_likelihoods(
-    log_w: NDArray[np.float64],
-    rows: NDArray[np.int32],
-    log_p: NDArray[np.float32],
-    readings: NDArray[np.int32],
-    weights: NDArray[np.float64],
-) -> None:
-    """Add each reading's log-likelihood to each particle's log-weight, in place.
-
-    Args:
-        log_w: ``(N,)``.
-        rows: ``(N, B)``; row of the table for each particle and beam.
-        log_p: ``(Z, R)``.
-        readings: ``(B,)`` of bins; -1 for no reading.
-        weights: ``(B,)``; how much each reading counts.
-    """
-    for b in range(readings.shape[0]):
-        if readings[b] >= 0 and weights[b] > 0.0:
-            for i in range(log_w.shape[0]):
-                log_w[i] += weights[b] * log_p[readings[b], rows[i, b]]
-
-
-@lru_cache(maxsize=16)
-def _ground(grid: OccupancyGrid, radius: float) -> tuple[Terrain, CommonBins, float]:
-    """Terrain, common bins and the uniform belief's entropy on a map."""
-    terrain, bins = Terrain(grid, radius), CommonBins(grid)
-    middle = grid.to_metres(terrain.open_cells[:, ::-1].astype(np.float64) + 0.5)
-    poses = np.column_stack([middle, np.zeros(len(middle))])
-    place = np.bincount(bins.index(poses) // bins.n_headings)
-    return terrain, bins, entropy(place / place.sum()) + float(np.log(bins.n_headings))
-
-
-@dataclass(slots=True)
-class _Cloud:
-    """One robot's particles."""
-
-    grid: OccupancyGrid
-    poses: NDArray[np.float64]
-    log_w: NDArray[np.float64]
-    place: PlaceMemory
-    rng: np.random.Generator
-
-    @property
-    def weights(self) -> NDArray[np.float64]:
-        w = np.exp(self.log_w - self.log_w.max())
-        return np.asarray(w / w.sum())
 
 
 class ParticleBelief:
@@ -103,27 +57,30 @@ class ParticleBelief:
         self.sensor = widened(sensor, config.sigma_factor)
         self.motion = motion
         self.reading_bins = ReadingBins(sensor.z_max, config.reading_bin)
-        self._log_p = self._range_table()
-        self._clouds: list[_Cloud | None] = [None] * n_robots
-
-    def _range_table(self) -> NDArray[np.float32] | None:
-        """``(Z, R)``; powered log P(bin | expected range) of a beam model, by rounded range."""
-        if not isinstance(self.sensor, BeamModel):
-            return None
-        steps = int(np.ceil(self.sensor.z_max / RANGE_STEP))
-        z_expected = np.append((np.arange(steps) + 0.5) * RANGE_STEP, self.sensor.z_max)
-        return self._powered(self.sensor.masses(z_expected, self.reading_bins))
+        self._clouds: list[Cloud | None] = [None] * n_robots
 
     def _powered(self, p: NDArray[np.float64]) -> NDArray[np.float32]:
+        """``(Z, R)`` of powered log-probabilities for ``(R, Z)`` of probabilities."""
         with np.errstate(divide="ignore"):
             log_p = self.config.likelihood_power * np.log(p)
         return np.ascontiguousarray(log_p.T.astype(np.float32))
 
-    def _cloud(self, robot: int) -> _Cloud:
+    @cached_property
+    def _law(self) -> NDArray[np.float32] | None:
+        """``(Z, LEVELS)``; powered log P(bin | level of the expected range), if it has one."""
+        if not isinstance(self.sensor, ExpectedRangeSensor):
+            return None
+        return self._powered(self.sensor.masses(level_ranges(self.sensor.z_max), self.reading_bins))
+
+    def _cloud(self, robot: int) -> Cloud:
         cloud = self._clouds[robot]
         if cloud is None:
             raise ConfigError(f"robot {robot} has no belief yet: reset it first")
         return cloud
+
+    def _ground(self, grid: OccupancyGrid) -> Ground:
+        kld = (self.config.kld_size, self.config.kld_angle)
+        return ground_of(grid, self.motion.radius, kld)
 
     def reset(
         self,
@@ -138,14 +95,26 @@ class ParticleBelief:
             robot: Which one.
             grid: Its map.
             rng: Source of the filter's noise from here on.
-            poses: ``(N, 3)``; ``n_max`` uniform over the open ground if None.
+            poses: ``(N, 3)``; spread evenly over the open ground if None.
         """
+        ground = self._ground(grid)
         if poses is None:
-            terrain = _ground(grid, self.motion.radius)[0]
-            poses = terrain.uniform_poses(rng.random((self.config.n_max, 4)))
-        poses = np.array(poses, dtype=np.float64)
+            poses = spread_poses(ground.terrain, self.config.n_start, rng)
+        table = None
+        thin = isinstance(self.sensor, ExpectedRangeSensor) and len(self.sensor.cone) == 1
+        if thin and self.config.directions:
+            table = range_table(grid, self.sensor.z_max, self.config.directions)
         place = PlaceMemory(self.config.sectors, self.config.place_size, self.config.repetition)
-        self._clouds[robot] = _Cloud(grid, poses, np.zeros(len(poses)), place, rng)
+        self._clouds[robot] = Cloud(
+            ground,
+            table,
+            np.array(poses, dtype=np.float64),
+            np.full(len(poses), -np.log(len(poses))),
+            place,
+            rng,
+            RunningMeans(self.config.alpha_slow, self.config.alpha_fast),
+            weights=np.full(len(poses), 1.0 / len(poses)),
+        )
 
     def reset_near(
         self,
@@ -164,7 +133,7 @@ class ParticleBelief:
             pose: ``(3,)``.
             sigma: Standard deviation of x and y [m], and of theta [rad].
         """
-        terrain = _ground(grid, self.motion.radius)[0]
+        terrain = self._ground(grid).terrain
         spread = np.array([sigma[0], sigma[0], sigma[1]])
         poses = pose + rng.normal(size=(self.config.n_min, 3)) * spread
         for _ in range(100):
@@ -177,21 +146,29 @@ class ParticleBelief:
         self.reset(robot, grid, rng, poses)
 
     def particles(self, robot: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Poses ``(N, 3)`` and weights ``(N,)`` summing to one: copies."""
+        """Poses ``(N, 3)`` and weights ``(N,)`` summing to one: copies, without the background."""
         cloud = self._cloud(robot)
-        return cloud.poses.copy(), cloud.weights
+        return cloud.poses.copy(), cloud.normalised().copy()
 
     def n_particles(self, robot: int) -> int:
         """How many particles there are now."""
         return len(self._cloud(robot).poses)
 
+    def background(self, robot: int) -> float:
+        """Probability that the robot is where the particles are not: anywhere."""
+        return self._cloud(robot).background
+
+    def noticed(self, robot: int) -> int:
+        """How often the belief has let go since the reset, and begun to look everywhere."""
+        return self._cloud(robot).noticed
+
     def terrain(self, robot: int) -> Terrain:
         """See :class:`Belief`."""
-        return _ground(self._cloud(robot).grid, self.motion.radius)[0]
+        return self._cloud(robot).ground.terrain
 
     def bins(self, robot: int) -> CommonBins:
         """See :class:`Belief`."""
-        return _ground(self._cloud(robot).grid, self.motion.radius)[1]
+        return self._cloud(robot).ground.bins
 
     def place(self, robot: int) -> PlaceMemory:
         """See :class:`Belief`."""
@@ -200,12 +177,7 @@ class ParticleBelief:
     def copy(self) -> ParticleBelief:
         """An independent belief with the same future noise, to be advanced in imagination."""
         twin = copy(self)
-        twin._clouds = [
-            None
-            if c is None
-            else _Cloud(c.grid, c.poses.copy(), c.log_w.copy(), c.place.copy(), _twin(c.rng))
-            for c in self._clouds
-        ]
+        twin._clouds = [None if c is None else c.copy() for c in self._clouds]
         return twin
 
     def predict(self, robot: int, u: NDArray[np.float64], touched: bool = False) -> None:
@@ -216,32 +188,45 @@ class ParticleBelief:
             u: ``(3,)`` odometry reading: rotation [rad], translation [m], rotation [rad].
             touched: Whether the robot knows that an obstacle stopped it.
         """
-        cloud, terrain = self._cloud(robot), self.terrain(robot)
-        normals = cloud.rng.standard_normal(cloud.poses.shape)
-        cloud.poses, shortfall = self.motion.sample(terrain, cloud.poses, u, normals)
-        # A tenth of the way, or five centimetres, may be missing: the odometry is noisy too.
-        cut = shortfall > max(0.05, 0.1 * abs(u[1]))
-        cloud.log_w[cut] += np.log(self.config.odometry_floor)
+        cloud = self._cloud(robot)
+        u = np.asarray(u, dtype=np.float64)
+        sigma = self.motion.odometry.sigma(u)
+        n = len(cloud.poses)
+        cloud.masses = None
+        if u[1] == 0.0 and sigma[1] == 0.0:
+            spread = float(np.hypot(sigma[0], sigma[2]))
+            kernels.turn(cloud.poses, float(u[0] + u[2]), spread, normals(cloud.rng, n))
+        else:
+            if u[0] != 0.0 or sigma[0] > 0.0:
+                kernels.turn(cloud.poses, float(u[0]), float(sigma[0]), normals(cloud.rng, n))
+            self._drive(cloud, u, sigma)
         cloud.place.move(u)
         if touched and cloud.place.refuse() and self.config.contact_floor < 1.0:
-            reach = np.array([0.0, self.config.contact_reach, 0.0])
-            ahead = move(terrain, cloud.poses, reach)[1][:, 1]
-            cloud.log_w[ahead >= self.config.contact_reach] += np.log(self.config.contact_floor)
-        if self.config.leak > 0.0:
-            self._leak(cloud, terrain)
+            ground = cloud.ground
+            kernels.touch(
+                ground.terrain.blocked, ground.terrain.room, ground.frame, cloud.poses,
+                self.config.contact_reach, cloud.log_w, float(np.log(self.config.contact_floor)),
+            )  # fmt: skip
+            cloud.weights = None
 
-    def _leak(self, cloud: _Cloud, terrain: Terrain) -> None:
-        """Give a share of the particles a uniform pose and their average weight."""
-        n = int(np.ceil(self.config.leak * len(cloud.poses)))
-        taken = cloud.rng.choice(len(cloud.poses), n, replace=False)
-        cloud.log_w -= np.logaddexp.reduce(cloud.log_w) - np.log(len(cloud.log_w))
-        cloud.poses[taken] = terrain.uniform_poses(cloud.rng.random((n, 4)))
-        cloud.log_w[taken] = 0.0
+    def _drive(self, cloud: Cloud, u: NDArray[np.float64], sigma: NDArray[np.float64]) -> None:
+        """Travel and the second rotation."""
+        ground = cloud.ground
+        theta = cloud.poses[:, 2].astype(np.float32)
+        # A tenth of the way, or five centimetres, may be missing: the odometry is noisy too.
+        slack = max(0.05, 0.1 * abs(float(u[1])))
+        kernels.drive(
+            ground.terrain.blocked, ground.terrain.room, ground.frame, cloud.poses, u, sigma,
+            normals(cloud.rng, len(theta), 2), np.cos(theta), np.sin(theta), cloud.log_w, slack,
+            float(np.log(self.config.odometry_floor)),
+        )  # fmt: skip
+        cloud.weights = None
 
     def correct(self, robot: int, scan: NDArray[np.float64]) -> float:
         """Weigh every particle by the scan, and resample when few particles carry the weight.
 
-        A scan without a reading leaves the belief as it was; so does one that no particle explains.
+        A scan without a reading leaves the belief as it was; so does one that no particle explains,
+        unless the background does.
 
         Args:
             robot: Which one.
@@ -258,111 +243,236 @@ class ParticleBelief:
         valid = readings >= 0
         if not valid.any():
             return 0.0
-        bearings = self.sensor.bearings
         weights = np.zeros(len(readings))
-        weights[valid] = cloud.place.weigh(bearings[valid])
-        before = np.logaddexp.reduce(cloud.log_w)
+        weights[valid] = cloud.place.weigh(self.sensor.bearings[valid])
+        cloud.normalised()
         log_w = cloud.log_w.copy()
-        rows, log_p = self.forecast(robot, cloud.poses)
-        add_log_likelihoods(log_w, rows, log_p, readings, weights)
-        after = np.logaddexp.reduce(log_w)
-        if after == -inf:
+        self._weigh(cloud, cloud.poses, readings, weights, log_w)
+        local = log_sum(log_w) - cloud.log_total
+        evidence = self._weigh_background(cloud, readings, weights, local)
+        if evidence == -inf:
             return -inf
-        cloud.place.read(bearings[valid])
-        cloud.log_w = log_w - after
-        self._resample(cloud)
-        return float(after - before)
+        cloud.place.read(self.sensor.bearings[valid])
+        if local > -inf:
+            cloud.log_w, cloud.weights, cloud.masses = log_w, None, None
+        share = cloud.means.add(float(np.exp(local)))
+        if self.config.recovery == "augmented" and share > 0.0:
+            self._inject(cloud, share, readings, weights)
+        elif cloud.background > self.config.widen or local == -inf:
+            self._widen(cloud, readings, weights)
+        else:
+            self._resample(cloud)
+        return evidence
 
-    def _resample(self, cloud: _Cloud) -> None:
-        weights = cloud.weights
-        if effective_sample_size(weights) >= self.config.ess_ratio * len(weights):
+    def _weigh(
+        self,
+        cloud: Cloud,
+        poses: NDArray[np.float64],
+        readings: NDArray[np.int32],
+        weights: NDArray[np.float64],
+        log_w: NDArray[np.float64],
+    ) -> None:
+        """Add the scan's weighted log-likelihood at each pose to ``log_w (N,)``, in place."""
+        table, law = cloud.table, self._law
+        if table is None or law is None:
+            rows, log_p = self._rows(cloud, poses)
+            kernels.weigh_by_rows(log_w, rows, log_p, readings, weights)
             return
-        n = self._count(cloud, weights)
-        chosen = SCHEMES[self.config.resampling](weights, n, cloud.rng.random(n))
-        spread = np.array(
-            [self.config.roughening_xy, self.config.roughening_xy, self.config.roughening_theta]
-        )
-        old = cloud.poses[chosen]
-        poses = old + cloud.rng.standard_normal(old.shape) * spread
-        poses[:, 2] = wrap(poses[:, 2])
-        off = ~_ground(cloud.grid, self.motion.radius)[0].contains(poses)
-        poses[off] = old[off]
-        cloud.poses, cloud.log_w = poses, np.zeros(n)
+        counts = (readings >= 0) & (weights > 0.0)
+        read = law[readings[counts]] * weights[counts, None]
+        kernels.weigh_by_table(
+            table.table, table.index, table.blocked, table.frame, table.reach, poses,
+            self.sensor.bearings[counts], read.astype(np.float32), log_w,
+        )  # fmt: skip
 
-    def _count(self, cloud: _Cloud, weights: NDArray[np.float64]) -> int:
-        """How many particles a belief as wide as this one needs."""
-        wanted = self.config.per_state * np.exp(entropy(self._masses(cloud, weights)))
-        return int(np.clip(wanted, self.config.n_min, self.config.n_max))
+    def _weigh_background(
+        self,
+        cloud: Cloud,
+        readings: NDArray[np.int32],
+        weights: NDArray[np.float64],
+        local: float,
+    ) -> float:
+        """Weigh the background against the particles; returns the evidence of both."""
+        leak = self.config.leak if self.config.recovery == "background" else 0.0
+        if leak == 0.0:
+            cloud.background = 0.0
+            return local
+        probes = cloud.ground.probes
+        log_p = np.zeros(len(probes))
+        self._weigh(cloud, probes, readings, weights, log_p)
+        anywhere = log_sum(log_p) - float(np.log(len(probes)))
+        w = cloud.background + leak * (1.0 - cloud.background)
+        cloud.background = background_after(cloud.background, leak, anywhere, local)
+        if anywhere == -inf:
+            return local
+        return float(np.logaddexp(np.log(w) + anywhere, np.log1p(-w) + local))
 
-    def _masses(self, cloud: _Cloud, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        bins = _ground(cloud.grid, self.motion.radius)[1]
-        masses = np.bincount(bins.index(cloud.poses), weights, minlength=len(bins))
-        return masses.astype(np.float64)
+    def _widen(
+        self, cloud: Cloud, readings: NDArray[np.int32], weights: NDArray[np.float64]
+    ) -> None:
+        """Draw the background as particles, weighed by the scan."""
+        poses = spread_poses(cloud.ground.terrain, self.config.n_start, cloud.rng)
+        log_p = np.zeros(len(poses))
+        self._weigh(cloud, poses, readings, weights, log_p)
+        anywhere = np.exp(log_p - log_p.max())
+        w = np.concatenate([
+            (1.0 - cloud.background) * cloud.normalised(),
+            cloud.background * anywhere / anywhere.sum(),
+        ])  # fmt: skip
+        cloud.poses = np.concatenate([cloud.poses, poses])
+        with np.errstate(divide="ignore"):
+            cloud.log_w = np.log(w)
+        cloud.weights, cloud.masses = None, None
+        cloud.background = 0.0
+        cloud.noticed += 1
+        cloud.place.clear()
+        self._resample(cloud)
+
+    def _inject(
+        self,
+        cloud: Cloud,
+        share: float,
+        readings: NDArray[np.int32],
+        weights: NDArray[np.float64],
+    ) -> None:
+        """Resample, and put poses drawn anew in the place of a share of the particles."""
+        self._resample(cloud, always=True)
+        n = int(share * len(cloud.poses))
+        if self.config.injection == "scan":
+            candidates = spread_poses(cloud.ground.terrain, max(20 * n, 1000), cloud.rng)
+            log_p = np.zeros(len(candidates))
+            self._weigh(cloud, candidates, readings, weights, log_p)
+            p = np.exp(log_p - log_p.max())
+            drawn = candidates[SCHEMES["systematic"](p, n, cloud.rng.random(1))]
+        else:
+            drawn = spread_poses(cloud.ground.terrain, n, cloud.rng)
+        cloud.poses[cloud.rng.choice(len(cloud.poses), n, replace=False)] = drawn
+        cloud.masses = None
+
+    def _resample(self, cloud: Cloud, always: bool = False) -> None:
+        """Draw the particles anew by their weights, as many as the belief needs.
+
+        With an ``allocation`` a under one, a bin that holds mass m gets particles in proportion to
+        m^a instead of m, and they keep weights in proportion to m^(1 - a): an unlikely place is
+        followed by more of them than its share, so that its evidence is known better and the truth
+        does not die out among like places. The belief is the same.
+        """
+        n, a = len(cloud.poses), self.config.allocation
+        weights, index = cloud.normalised(), np.empty(n, dtype=np.int32)
+        cloud.masses = cloud.bin(index)
+        held = np.flatnonzero(cloud.masses)
+        factor = np.ones_like(cloud.masses)
+        factor[held] = cloud.masses[held] ** (a - 1.0)
+        wheel = np.empty(n)
+        squares = kernels.wheel_of(weights, index, factor, wheel)
+        if not always and wheel[-1] ** 2 >= self.config.ess_ratio * n * squares:
+            return
+        chosen = self._choose(cloud, wheel)
+        out, ground, n = np.empty((len(chosen), 3)), cloud.ground, len(chosen)
+        kernels.roughen(
+            ground.terrain.open, ground.frame, cloud.poses, chosen, normals(cloud.rng, n, 3),
+            self.config.roughening_xy, self.config.roughening_theta, out,
+        )  # fmt: skip
+        weights = 1.0 / factor[index[chosen]]
+        cloud.poses, cloud.weights = out, weights / weights.sum()
+        cloud.log_w, cloud.log_total = np.log(cloud.weights), 0.0
+
+    def _choose(self, cloud: Cloud, wheel: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Indices of the survivors, by cumulative weights."""
+        config = self.config
+        if config.sizing == "kld":
+            bins = cloud.ground.kld_bins
+            out = np.empty(config.n_max, dtype=np.intp)
+            n = draw_until(
+                wheel, bins.index(cloud.poses), cloud.rng.random(config.n_max),
+                float(ndtri(config.kld_confidence)), config.kld_error, config.n_min,
+                np.zeros(len(bins), dtype=np.bool_), out,
+            )  # fmt: skip
+            return out[:n]
+        wanted = config.per_state * effective_states(cloud.binned(), config.allocation)
+        n = int(np.clip(wanted, config.n_min, config.n_max))
+        return SCHEMES[config.resampling](np.diff(wheel, prepend=0.0), n, cloud.rng.random(n))
 
     def summarise(self, robot: int) -> Summary:
         """See :class:`Belief`."""
         cloud = self._cloud(robot)
-        _, bins, uniform = _ground(cloud.grid, self.motion.radius)
-        weights = cloud.weights
-        masses = self._masses(cloud, weights)
-        pose = bins.centres(np.array([masses.argmax()]))[0]
+        ground, w = cloud.ground, cloud.background
+        masses = cloud.binned()
+        pose = ground.bins.centres(np.array([masses.argmax()]))[0]
+        chosen = np.empty(len(cloud.poses), dtype=np.int32)
+        n = kernels.within(cloud.poses, pose[0], pose[1], 3.0 * NEAR_RADIUS, chosen)
+        moments = np.empty(4)
         for _ in range(3):
-            near, offset = self._near(cloud, pose)
-            if not near.any():
+            self._moments(cloud, chosen[:n], pose, moments)
+            if moments[0] == 0.0:
                 break
-            pose = pose + weights[near] @ offset[near] / weights[near].sum()
+            pose = pose + moments[1:] / moments[0]
             pose[2] = wrap(pose[2])
-        near, _ = self._near(cloud, pose)
-        return Summary(entropy(masses), uniform, pose, min(1.0, float(weights[near].sum())))
+        self._moments(cloud, chosen[:n], pose, moments)
+        if w > FAINT:
+            masses = (1.0 - w) * masses + w * ground.uniform
+        mass = min(1.0, (1.0 - w) * float(moments[0]))
+        return Summary(entropy(masses), ground.uniform_entropy, pose, mass)
 
-    def _near(
-        self, cloud: _Cloud, pose: NDArray[np.float64]
-    ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-        offset = cloud.poses - pose
-        offset[:, 2] = wrap(offset[:, 2])
-        near = (np.hypot(offset[:, 0], offset[:, 1]) <= NEAR_RADIUS) & (
-            np.abs(offset[:, 2]) <= NEAR_ANGLE
+    def _moments(
+        self,
+        cloud: Cloud,
+        chosen: NDArray[np.int32],
+        pose: NDArray[np.float64],
+        out: NDArray[np.float64],
+    ) -> None:
+        kernels.local_moments(
+            cloud.poses, cloud.normalised(), chosen, pose, NEAR_RADIUS, NEAR_ANGLE, out
         )
-        return near, offset
 
     def mass_near(self, robot: int, pose: NDArray[np.float64]) -> float:
-        """See :class:`Belief`."""
-        cloud = self._cloud(robot)
-        return min(1.0, float(cloud.weights[self._near(cloud, np.asarray(pose))[0]].sum()))
+        """See :class:`Belief`; the background, spread over the whole map, is not counted."""
+        cloud, moments = self._cloud(robot), np.empty(4)
+        everyone = np.arange(len(cloud.poses), dtype=np.int32)
+        self._moments(cloud, everyone, np.asarray(pose, dtype=np.float64), moments)
+        return min(1.0, (1.0 - cloud.background) * float(moments[0]))
 
     def view(self, robot: int, headings: int, rows: int, cols: int) -> NDArray[np.float64]:
         """See :class:`Belief`."""
         cloud = self._cloud(robot)
-        pixel = view_pixels(cloud.poses[:, :2], cloud.grid, rows, cols)
-        heading = np.floor((cloud.poses[:, 2] + np.pi) / (2.0 * np.pi) * headings).astype(np.int64)
-        flat = (heading % headings) * (rows * cols) + pixel
-        masses = np.bincount(flat, cloud.weights, minlength=headings * rows * cols)
-        return masses.reshape(headings, rows, cols).astype(np.float64)
+        left, bottom, pixel = view_frame(cloud.ground.grid, rows, cols)
+        corner, shape = np.array([left, bottom, 1.0 / pixel]), (rows, cols, headings)
+        out, unused = np.zeros(rows * cols * headings), np.empty(0, dtype=np.int32)
+        kernels.bin_weights(cloud.poses, cloud.normalised(), corner, shape, out, unused)
+        w, probes = cloud.background, cloud.ground.probes
+        if w > FAINT:
+            anywhere, even = np.zeros_like(out), np.full(len(probes), 1.0 / len(probes))
+            kernels.bin_weights(probes, even, corner, shape, anywhere, unused)
+            out = (1.0 - w) * out + w * anywhere
+        return np.ascontiguousarray(out.reshape(rows * cols, headings).T).reshape(
+            headings, rows, cols
+        )
 
     def sample(self, robot: int, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """See :class:`Belief`; systematic."""
         cloud = self._cloud(robot)
-        chosen = SCHEMES["systematic"](cloud.weights, n, rng.random(1))
-        return cloud.poses[rng.permutation(chosen)]
+        chosen = SCHEMES["systematic"](cloud.normalised(), n, rng.random(1))
+        poses = cloud.poses[rng.permutation(chosen)]
+        elsewhere = round(cloud.background * n) if cloud.background > FAINT else 0
+        if elsewhere:
+            poses[:elsewhere] = spread_poses(cloud.ground.terrain, elsewhere, rng)
+        return poses
 
     def forecast(
         self, robot: int, poses: NDArray[np.float64]
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """See :class:`Belief`."""
+        return self._rows(self._cloud(robot), poses)
+
+    def _rows(
+        self, cloud: Cloud, poses: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         rays = rays_of(poses, self.sensor.bearings)
-        grid = self._cloud(robot).grid
-        if self._log_p is not None and isinstance(self.sensor, BeamModel):
-            expected = self.sensor.expected(grid, rays)
-            rows = (expected / RANGE_STEP).astype(np.int32)
-            rows[expected >= self.sensor.z_max] = self._log_p.shape[1] - 1
-            return rows, self._log_p
-        p = self.sensor.bin_probabilities(grid, rays, self.reading_bins)
+        if self._law is not None and isinstance(self.sensor, ExpectedRangeSensor):
+            if cloud.table is not None:
+                return cloud.table.levels(poses, self.sensor.bearings), self._law
+            expected = self.sensor.expected(cloud.ground.grid, rays)
+            return levels_of(expected, self.sensor.z_max), self._law
+        p = self.sensor.bin_probabilities(cloud.ground.grid, rays, self.reading_bins)
         rows = np.arange(p.shape[0] * p.shape[1], dtype=np.int32).reshape(p.shape[:2])
         return rows, self._powered(p.reshape(-1, p.shape[-1]))
-
-
-def _twin(rng: np.random.Generator) -> np.random.Generator:
-    """A generator in the same state."""
-    twin = np.random.Generator(type(rng.bit_generator)())
-    twin.bit_generator.state = rng.bit_generator.state
-    return twin

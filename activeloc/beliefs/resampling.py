@@ -13,30 +13,68 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Scheme = Callable[[NDArray[np.float64], int, NDArray[np.float64]], NDArray[np.intp]]
 
 
+@njit(cache=True, nogil=True)
+def _comb(
+    wheel: NDArray[np.float64], pointers: NDArray[np.float64], last: int, out: NDArray[np.intp]
+) -> None:
+    """:func:`_pick` for pointers that ascend: one walk along the wheel.
+
+    Args:
+        wheel: ``(N,)``; cumulative weights.
+        pointers: ``(n,)`` in [0, 1), ascending.
+        last: Index of the last weight above zero.
+        out: ``(n,)``, overwritten.
+    """
+    i = 0
+    for k in range(pointers.shape[0]):
+        at = pointers[k] * wheel[-1]
+        while i < last and wheel[i] <= at:
+            i += 1
+        out[k] = i
+
+
 def _pick(weights: NDArray[np.float64], pointers: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Index of the particle whose share of the wheel holds each pointer in [0, 1)."""
+    """Index of the particle whose share of the wheel holds each pointer in [0, 1).
+
+    The roulette wheel with binary search.
+    """
     wheel = np.asarray(weights, dtype=np.float64).cumsum()
     index = np.searchsorted(wheel, pointers * wheel[-1], side="right")
-    return np.minimum(index, np.flatnonzero(weights)[-1])
+    return np.minimum(index, _last(wheel))
+
+
+def _pick_ascending(
+    weights: NDArray[np.float64], pointers: NDArray[np.float64]
+) -> NDArray[np.intp]:
+    wheel = np.asarray(weights, dtype=np.float64).cumsum()
+    out = np.empty(len(pointers), dtype=np.intp)
+    _comb(wheel, pointers, _last(wheel), out)
+    return out
+
+
+def _last(wheel: NDArray[np.float64]) -> int:
+    """Index of the last particle with a share of the wheel."""
+    return int(np.searchsorted(wheel, wheel[-1], side="left"))
 
 
 def systematic(
     weights: NDArray[np.float64], n: int, uniforms: NDArray[np.float64]
 ) -> NDArray[np.intp]:
     """One comb of n teeth: offspring within one of ``n w``. Uses ``uniforms[0]``."""
-    return _pick(weights, (uniforms[0] + np.arange(n)) / n)
+    return _pick_ascending(weights, (uniforms[0] + np.arange(n)) / n)
 
 
 def stratified(
     weights: NDArray[np.float64], n: int, uniforms: NDArray[np.float64]
 ) -> NDArray[np.intp]:
     """One pointer in each of n equal strata. Uses ``uniforms[:n]``."""
-    return _pick(weights, (uniforms[:n] + np.arange(n)) / n)
+    return _pick_ascending(weights, (uniforms[:n] + np.arange(n)) / n)
 
 
 def multinomial(

@@ -32,7 +32,12 @@ class HistogramConfig:
         odometry_floor: Weight of ways that an obstacle on the map would have cut short, against
             the odometry's reading; 1 ignores that evidence.
         leak: Probability per step that the robot is carried anywhere (kidnapping).
-        least: Probability under which a state counts as empty.
+        widen: Probability of being elsewhere above which the belief is laid out over the whole map
+            again; see :mod:`activeloc.beliefs.background`.
+        novelty: gamma; a reading that is shorter than the map explains with more than this
+            probability is not used (people in the way); 0 uses all. 0.99 in the literature.
+        least: Probability under which a state counts as empty; 0 updates every state at each step,
+            and lays the leak out over all of them.
         precision: ``float32`` or ``float64``, of the stored belief.
 
     Raises:
@@ -50,6 +55,8 @@ class HistogramConfig:
     contact_floor: float = 0.02
     odometry_floor: float = 0.05
     leak: float = 0.0
+    widen: float = 0.2
+    novelty: float = 0.0
     least: float = 1e-10
     precision: str = "float32"
 
@@ -59,6 +66,7 @@ class HistogramConfig:
         if self.headings % 2:
             raise ConfigError(f"belief.headings must be even; got {self.headings}")
         _check_common(self)
+        checks.number("belief.widen", self.widen, 0.0, 1.0, above_low=True)
         checks.number("belief.least", self.least, 0.0, 1e-3)
         checks.choice("belief.precision", self.precision, ("float32", "float64"))
 
@@ -69,8 +77,10 @@ class ParticleConfig:
 
     Attributes:
         n_min: Fewest particles.
-        n_max: Most particles, and their number at the start.
+        n_max: Most particles, once the first scan has been read.
+        n_start: Particles over a whole map, before any scan; at least ``n_max`` counts.
         per_state: Particles per effective state: N = ``per_state`` exp(H), within the two limits.
+        allocation: A bin of mass m gets particles in proportion to m to this power, in (0, 1].
         ess_ratio: Resample when the effective sample size falls under this share of N.
         resampling: ``systematic``, ``stratified``, ``multinomial`` or ``residual``.
         sigma_factor: By how much the filter widens the sensor's ``sigma_hit``.
@@ -85,43 +95,86 @@ class ParticleConfig:
         contact_reach: An obstacle nearer than this explains a contact [m].
         odometry_floor: Weight of a particle that an obstacle on the map stopped short of what the
             odometry read.
-        leak: Probability per step that the robot is carried anywhere (kidnapping).
+        leak: Probability per step that the robot is carried anywhere, or was lost.
+        recovery: ``background``, ``augmented`` (running means of the likelihood) or ``none``; see
+            :mod:`activeloc.beliefs.recovery`.
+        widen: Weight of the background at which it is drawn as particles.
+        alpha_slow: Rate of the slow mean of augmented MCL.
+        alpha_fast: Rate of the fast mean, not below ``alpha_slow``.
+        injection: Where augmented MCL draws poses from: the ``scan``'s likelihood or ``free``
+            space.
+        sizing: How many particles: by ``entropy``, as above, or by ``kld``
+            (:mod:`activeloc.beliefs.sample_size`; particles are then drawn one by one).
+        kld_error: Bound on the divergence of sample and belief [nat].
+        kld_confidence: Probability that it holds.
+        kld_size: Side of the bins that are counted [m].
+        kld_angle: Width of their headings [rad].
+        directions: Of the table of expected ranges; 0 casts every ray exactly.
+        novelty: As in :class:`HistogramConfig`; 0 uses every reading.
 
     Raises:
-        ConfigError: If a number is out of its range, or ``n_min`` above ``n_max``.
+        ConfigError: If a number is out of its range, ``n_min`` above ``n_max`` or ``alpha_slow``
+            above ``alpha_fast``.
     """
 
-    n_min: int = 10_000
-    n_max: int = 200_000
-    per_state: float = 100.0
+    n_min: int = 5_000
+    n_max: int = 50_000
+    n_start: int = 200_000
+    per_state: float = 20.0
+    allocation: float = 0.7
     ess_ratio: float = 0.5
     resampling: str = "systematic"
     sigma_factor: float = 2.0
     likelihood_power: float = 0.7
-    roughening_xy: float = 0.02
-    roughening_theta: float = float(np.deg2rad(1.0))
+    roughening_xy: float = 0.06
+    roughening_theta: float = float(np.deg2rad(3.0))
     reading_bin: float = 0.1
-    repetition: float = inf
+    repetition: float = 0.0
     sectors: int = 12
     place_size: float = 0.25
     contact_floor: float = 0.02
     contact_reach: float = 0.2
     odometry_floor: float = 0.05
-    leak: float = 0.0
+    leak: float = 3e-4
+    recovery: str = "background"
+    widen: float = 0.5
+    alpha_slow: float = 0.001
+    alpha_fast: float = 0.1
+    injection: str = "scan"
+    sizing: str = "entropy"
+    kld_error: float = 0.05
+    kld_confidence: float = 0.99
+    kld_size: float = 0.5
+    kld_angle: float = float(np.pi / 18.0)
+    directions: int = 128
+    novelty: float = 0.0
 
     def __post_init__(self) -> None:
         checks.integer("belief.n_min", self.n_min, 1, 10_000_000)
         checks.integer("belief.n_max", self.n_max, 1, 10_000_000)
+        checks.integer("belief.n_start", self.n_start, 1, 10_000_000)
         if self.n_min > self.n_max:
             raise ConfigError(
                 f"belief.n_min must be at most belief.n_max; got {self.n_min} and {self.n_max}"
             )
         checks.number("belief.per_state", self.per_state, 0.0, 1e6)
+        checks.number("belief.allocation", self.allocation, 0.0, 1.0, above_low=True)
         checks.choice("belief.resampling", self.resampling, tuple(SCHEMES))
         checks.number("belief.ess_ratio", self.ess_ratio, 0.0, 1.0, above_low=True)
         checks.number("belief.roughening_xy", self.roughening_xy, 0.0, 10.0)
         checks.number("belief.roughening_theta", self.roughening_theta, 0.0, np.pi)
         checks.number("belief.contact_reach", self.contact_reach, 0.0, 1e3)
+        checks.choice("belief.recovery", self.recovery, ("background", "augmented", "none"))
+        checks.choice("belief.injection", self.injection, ("scan", "free"))
+        checks.choice("belief.sizing", self.sizing, ("entropy", "kld"))
+        checks.number("belief.widen", self.widen, 0.0, 1.0, above_low=True)
+        checks.number("belief.alpha_fast", self.alpha_fast, 0.0, 1.0, above_low=True)
+        checks.number("belief.alpha_slow", self.alpha_slow, 0.0, self.alpha_fast, above_low=True)
+        checks.number("belief.kld_error", self.kld_error, 0.0, 10.0, above_low=True)
+        checks.number("belief.kld_confidence", self.kld_confidence, 1e-6, 1.0 - 1e-9)
+        checks.number("belief.kld_size", self.kld_size, 0.01, 1e3)
+        checks.number("belief.kld_angle", self.kld_angle, 1e-3, 2.0 * np.pi)
+        checks.integer("belief.directions", self.directions, 0, 3600)
         _check_common(self)
 
 
@@ -141,3 +194,4 @@ def _check_common(config: HistogramConfig | ParticleConfig) -> None:
     for name in ("contact_floor", "odometry_floor"):
         checks.number(f"belief.{name}", getattr(config, name), 0.0, 1.0, above_low=True)
     checks.number("belief.leak", config.leak, 0.0, 1.0)
+    checks.number("belief.novelty", config.novelty, 0.0, 1.0)

@@ -1,0 +1,149 @@
+"""One robot's particles, and what they share with others on the same map."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from functools import lru_cache
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from activeloc.beliefs import particle_kernels as kernels
+from activeloc.beliefs.common_bins import CommonBins, entropy
+from activeloc.beliefs.place import PlaceMemory
+from activeloc.beliefs.recovery import RunningMeans
+from activeloc.grid import OccupancyGrid
+from activeloc.motion import Terrain
+from activeloc.range_table import RangeTable
+
+# A background under this weight is left out of entropy, views and samples.
+FAINT = 1e-4
+# Standard normal numbers of equal probability: noise is drawn as their 16-bit index, which costs a
+# third of drawing it by the ziggurat and is exact to 2^-16 in probability.
+_NORMALS = ndtri((np.arange(65536) + 0.5) / 65536.0)
+NORMALS = np.asarray(_NORMALS / _NORMALS.std(), dtype=np.float32)
+
+
+def normals(rng: np.random.Generator, *shape: int) -> NDArray[np.float32]:
+    """Standard normal numbers, to 16 bits."""
+    drawn = np.frombuffer(rng.bytes(2 * int(np.prod(shape))), dtype=np.uint16)
+    return NORMALS[drawn].reshape(shape)
+
+
+def spread_poses(terrain: Terrain, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Poses ``(n, 3)`` spread evenly over the open ground and all headings, in map order.
+
+    Each is uniform by itself; together they cover the ground as a lattice does: places by equal
+    strata of the open area, headings by the golden section.
+    """
+    poses = np.empty((n, 3))
+    frame = np.array([*terrain.grid.origin, terrain.grid.resolution])
+    kernels.spread(terrain.open_cells, frame, rng.random((n, 3)), rng.random(), poses)
+    return poses
+
+
+def log_sum(log_w: NDArray[np.float64]) -> float:
+    """Log sum exp; -inf for nothing but -inf."""
+    top = float(log_w.max())
+    return top if top == -inf else top + float(np.log(np.exp(log_w - top).sum()))
+
+
+class Ground:
+    """What is computed once per map and shared between robots.
+
+    Args:
+        grid: The map.
+        radius: Of the robot [m].
+        kld: Size [m] and angle [rad] of the bins that KLD sampling counts.
+    """
+
+    def __init__(self, grid: OccupancyGrid, radius: float, kld: tuple[float, float]) -> None:
+        self.grid = grid
+        self.terrain = Terrain(grid, radius)
+        self.bins = CommonBins(grid)
+        self.kld_bins = CommonBins(grid, *kld)
+        self.frame = np.array([*grid.origin, 1.0 / grid.resolution])
+        self.shape = (*self.bins.shape, self.bins.n_headings)
+        self.corner = np.array([*self.bins.origin, 1.0 / self.bins.size])
+        middle = grid.to_metres(self.terrain.open_cells[:, ::-1].astype(np.float64) + 0.5)
+        poses = np.column_stack([middle, np.zeros(len(middle))])
+        n_places = self.bins.shape[0] * self.bins.shape[1]
+        place = np.bincount(self.bins.index(poses) // self.bins.n_headings, minlength=n_places)
+        self.uniform = np.repeat(place / place.sum() / self.bins.n_headings, self.bins.n_headings)
+        self.uniform_entropy = entropy(self.uniform)
+        # The background's evidence is taken over these, the same for every robot and every run.
+        self.probes = spread_poses(self.terrain, 1000, np.random.default_rng(0))
+
+
+@lru_cache(maxsize=16)
+def ground_of(grid: OccupancyGrid, radius: float, kld: tuple[float, float]) -> Ground:
+    """The ground of a map, kept for the 16 used last."""
+    return Ground(grid, radius, kld)
+
+
+@dataclass(slots=True)
+class Cloud:
+    """One robot's particles.
+
+    Attributes:
+        ground: Of its map.
+        table: Expected ranges there; None where the sensor has no use for them.
+        poses: ``(N, 3)``.
+        log_w: ``(N,)``.
+        place: Where it stands.
+        rng: Source of the filter's noise.
+        means: Of augmented MCL.
+        background: Probability of being anywhere, by :mod:`~activeloc.beliefs.recovery`.
+        noticed: How often the background has been drawn as particles.
+        weights: ``(N,)`` summing to one; None where they must be computed from ``log_w``.
+        log_total: Logarithm of their sum before they are normalised, where they are known.
+        masses: ``(bins,)``; what the last scan left on the common bins, None once it has moved.
+    """
+
+    ground: Ground
+    table: RangeTable | None
+    poses: NDArray[np.float64]
+    log_w: NDArray[np.float64]
+    place: PlaceMemory
+    rng: np.random.Generator
+    means: RunningMeans
+    background: float = 0.0
+    noticed: int = 0
+    weights: NDArray[np.float64] | None = None
+    log_total: float = 0.0
+    masses: NDArray[np.float64] | None = None
+
+    def normalised(self) -> NDArray[np.float64]:
+        """``(N,)``; weights that sum to one."""
+        if self.weights is None:
+            top = float(self.log_w.max())
+            w = np.exp(self.log_w - top)
+            total = float(w.sum())
+            w /= total
+            self.weights, self.log_total = w, top + float(np.log(total))
+        return self.weights
+
+    def binned(self) -> NDArray[np.float64]:
+        """``(bins,)``; weights on the common bins."""
+        if self.masses is None:
+            self.masses = self.bin(np.empty(0, dtype=np.int32))
+        return self.masses
+
+    def bin(self, index: NDArray[np.int32]) -> NDArray[np.float64]:
+        """:meth:`binned` afresh; ``index (N,)`` is filled with each particle's bin."""
+        out = np.zeros(len(self.ground.bins))
+        ground = self.ground
+        kernels.bin_weights(self.poses, self.normalised(), ground.corner, ground.shape, out, index)
+        return out
+
+    def copy(self) -> Cloud:
+        """An independent cloud with the same future noise."""
+        twin = copy(self)
+        twin.poses, twin.log_w, twin.place = self.poses.copy(), self.log_w.copy(), self.place.copy()
+        twin.means = copy(self.means)
+        twin.rng = np.random.Generator(type(self.rng.bit_generator)())
+        twin.rng.bit_generator.state = self.rng.bit_generator.state
+        return twin
