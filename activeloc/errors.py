@@ -23,3 +23,7 @@ class ActionError(ActiveLocError):
 
 class ScanError(ActiveLocError):
     """A scan has the wrong shape or a reading that no sensor of this kind can give."""
+
+
+class LogError(ActiveLocError):
+    """A recorded run, or the file it was to be read from, cannot be used."""

@@ -148,3 +148,55 @@ def test_refuses_what_is_no_curve(curves, right, message, tmp_path):
     with pytest.raises(ConfigError, match=message):
         plot_entropy_curves(curves, tmp_path / "curves.png", right)
     assert not list(tmp_path.iterdir())
+
+
+def run_of(n=6):
+    scans = np.array([3, 4, 5, 9, 10, 11])
+    reference = np.column_stack([np.arange(n), np.zeros(n), np.zeros(n)]) + 0.5
+    estimate = reference + np.array([0.1, 0.0, 0.0])
+    right = np.array([True, True, False, True, True, True])
+    return scans, estimate, reference, right
+
+
+def test_paths_end_where_the_robot_was_carried_and_crosses_are_wrong_estimates(drawn):
+    scans, estimate, reference, right = run_of()
+    cells = np.zeros((2, 7), dtype=np.uint8)
+    plots.plot_paths(cells, (0, 7, 0, 2), scans, estimate, reference, right, "unused.png")
+    (axes,) = drawn[0].axes
+    lines = {line.get_label(): line for line in axes.get_lines()}
+    np.testing.assert_allclose(
+        lines["reference"].get_xdata(), [0.5, 1.5, 2.5, np.nan, 3.5, 4.5, 5.5]
+    )
+    np.testing.assert_allclose(
+        lines["estimate"].get_xdata(), [0.6, 1.6, np.nan, np.nan, 3.6, 4.6, 5.6]
+    )
+    np.testing.assert_allclose(lines["wrong (1)"].get_xdata(), [2.6])
+    np.testing.assert_allclose(lines["carried"].get_xdata(), [2.5, 3.5])
+    np.testing.assert_allclose(lines["start"].get_xdata(), [0.5])
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
+
+
+def test_errors_have_a_panel_each_with_what_is_allowed(drawn):
+    scans, *_ = run_of()
+    errors = {"error [m]": (np.array([1.0, 0.1, 0.0, 0.2, 0.3, 0.4]), 0.5)}
+    plots.plot_errors(scans, errors, np.arange(6.0), "unused.png")
+    top, bottom = drawn[0].axes
+    np.testing.assert_allclose(top.get_lines()[0].get_xdata(), [3, 4, 5, np.nan, 9, 10, 11])
+    np.testing.assert_allclose(
+        top.get_lines()[0].get_ydata(), [1.0, 0.1, 0.005, np.nan, 0.2, 0.3, 0.4]
+    )
+    assert top.get_lines()[1].get_ydata()[0] == 0.5
+    assert (top.get_ylabel(), bottom.get_ylabel()) == ("error [m]", "entropy [nat]")
+    assert bottom.get_xlabel() == "scan"
+
+
+def test_runs_that_do_not_fit_together_are_refused(tmp_path):
+    scans, estimate, reference, right = run_of()
+    cells = np.zeros((2, 7), dtype=np.uint8)
+    with pytest.raises(ConfigError, match="of the length of the scans"):
+        plots.plot_paths(
+            cells, (0, 7, 0, 2), scans, estimate[1:], reference, right, tmp_path / "a.png"
+        )
+    with pytest.raises(ConfigError, match="errors and entropy must be"):
+        plots.plot_errors(scans, {"e": (np.zeros(5), 1.0)}, np.zeros(6), tmp_path / "a.png")
+    assert not list(tmp_path.iterdir())
