@@ -10,7 +10,7 @@ import numpy as np
 
 from activeloc import checks
 from activeloc.agents.commands import FORWARD, LEFT, RIGHT, action_for
-from activeloc.agents.imagination import Imagined, expected_entropy, sampled_entropy
+from activeloc.agents.imagination import Imagined, Plan, expected_entropy, sampled_entropy
 from activeloc.envs.episodes import Knowledge
 from activeloc.errors import ConfigError
 from activeloc.motion import wrap
@@ -33,6 +33,7 @@ class ActiveMarkovAgent:
         certainty_share: Share of a gain that depends on the way being open.
         samples: M, poses that stand for the belief.
         readings: J, scans drawn for each target.
+        plan: See :class:`~activeloc.agents.imagination.Planner`: the walk, if it was just chosen.
     """
 
     distances: tuple[float, ...] = (1.0, 2.0, 4.0)
@@ -42,6 +43,7 @@ class ActiveMarkovAgent:
     samples: int = 800
     readings: int = 16
     rng: np.random.Generator = field(default_factory=np.random.default_rng, init=False)
+    plan: Plan | None = field(default=None, init=False)
     _walk: list[int] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
@@ -59,11 +61,12 @@ class ActiveMarkovAgent:
 
     def reset(self, rng: np.random.Generator) -> None:
         """See :class:`Agent`."""
-        self.rng = rng
+        self.rng, self.plan = rng, None
         self._walk = []
 
     def act(self, observation: Mapping[str, Any], knowledge: Knowledge) -> Any:
         """The next move of the walk; a new walk when it is done or an obstacle has ended it."""
+        self.plan = None
         if not self._walk or knowledge.touched:
             self._walk = self._choose(knowledge)
         return action_for(knowledge.actions, self._walk.pop(0))
@@ -74,18 +77,21 @@ class ActiveMarkovAgent:
         before = sampled_entropy(knowledge, here.poses)
         best, chosen = -np.inf, [LEFT]
         for turns in self._turns(knowledge):
-            command = np.array([np.sign(turns) * knowledge.actions.turn, 0.0, 0.0])
-            there = here.after(knowledge, command, self.rng, abs(turns))
+            turn = np.array([np.sign(turns) * knowledge.actions.turn, 0.0, 0.0])
+            there = here.after(knowledge, turn, self.rng, abs(turns))
             if there.place_if_free.is_refused:
                 continue
             done = 0
             for drives in self._drives(knowledge):
-                command = np.array([0.0, knowledge.actions.forward, 0.0])
-                there = there.after(knowledge, command, self.rng, drives - done)
+                drive = np.array([0.0, knowledge.actions.forward, 0.0])
+                there = there.after(knowledge, drive, self.rng, drives - done)
                 done = drives
-                utility = self._utility(knowledge, there, before, abs(turns) + drives)
+                after = expected_entropy(knowledge, there, self.readings, self.rng)
+                utility = self._utility(there, before - after, abs(turns) + drives)
                 if utility > best:
                     best = utility
+                    gain = sampled_entropy(knowledge, there.poses) - after
+                    self.plan = Plan(((turn, abs(turns)), (drive, drives)), gain)
                     chosen = [LEFT if turns > 0 else RIGHT] * abs(turns) + [FORWARD] * drives
         return chosen
 
@@ -99,9 +105,8 @@ class ActiveMarkovAgent:
         drives = {max(1, round(d / knowledge.actions.forward)) for d in self.distances}
         return sorted(drives)
 
-    def _utility(self, knowledge: Knowledge, there: Imagined, before: float, steps: int) -> float:
-        """Expected gain [nat] of a scan there, less the walk's cost."""
-        gain = before - expected_entropy(knowledge, there, self.readings, self.rng)
+    def _utility(self, there: Imagined, gain: float, steps: int) -> float:
+        """Expected gain [nat] of a walk and a scan there, less the walk's cost."""
         p_open = 1.0 - float(there.stopped.mean())
         trust = 1.0 - self.certainty_share + self.certainty_share * p_open
         return gain * trust - self.step_cost * steps

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from activeloc import checks
-from activeloc.agents.imagination import Imagined, expected_gain
+from activeloc.agents.imagination import Imagined, Plan, expected_gain
 from activeloc.envs.episodes import Knowledge
 from activeloc.errors import ConfigError
 
@@ -27,11 +27,13 @@ class GreedyAgent:
     Attributes:
         samples: M, poses that stand for the belief.
         readings: J, scans drawn for each action.
+        plan: See :class:`~activeloc.agents.imagination.Planner`: the action just chosen.
     """
 
     samples: int = 800
     readings: int = 16
     rng: np.random.Generator = field(default_factory=np.random.default_rng, init=False)
+    plan: Plan | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         checks.integer("agent greedy.samples", self.samples, 2, 1_000_000)
@@ -39,7 +41,7 @@ class GreedyAgent:
 
     def reset(self, rng: np.random.Generator) -> None:
         """See :class:`Agent`."""
-        self.rng = rng
+        self.rng, self.plan = rng, None
 
     def expected_gains(self, knowledge: Knowledge) -> list[float]:
         """Entropy that a scan after each action is expected to remove [nat].
@@ -64,4 +66,7 @@ class GreedyAgent:
 
     def act(self, observation: Mapping[str, Any], knowledge: Knowledge) -> int:
         """The best action; the lowest-numbered one of equals."""
-        return int(np.argmax(self.expected_gains(knowledge)))
+        gains = self.expected_gains(knowledge)
+        best = int(np.argmax(gains))
+        self.plan = Plan(((knowledge.actions.commands[best], 1),), gains[best])
+        return best

@@ -3,24 +3,63 @@
 A belief is stood for by M poses drawn from it. A motion is carried out on each of them by the
 motion model; a scan is predicted for each by the belief's own forecast. Then J readings are drawn
 as if one of the poses were true, each turns the M poses into a posterior, and the mean entropy of
-these is what the motion is expected to leave. The filter's rules for repeated readings and for
-contact hold here as there.
+these is what the motion is expected to leave. Readings are drawn from the sensor's law and counted
+as the filter counts them, tempered by its ``likelihood_power``: a planner that counts them in full
+expects more than it will get. The filter's rules for repeated readings and for contact hold here as
+there.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from activeloc.beliefs.common_bins import entropy
+from activeloc.beliefs.histogram import HistogramBelief
+from activeloc.beliefs.particles import ParticleBelief
 from activeloc.beliefs.place import PlaceMemory
 from activeloc.envs.episodes import Knowledge
 from activeloc.motion import move
 
 EXACT_UP_TO = 64  # Joint readings that are summed over one by one; more are drawn.
+
+
+Walk = tuple[tuple[NDArray[np.float64], int], ...]
+"""Commands ``(3,)`` and how often each is given."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What an agent has set out to do, and what it expects of it.
+
+    Attributes:
+        walk: The commands, until an obstacle ends them.
+        expected_gain: Entropy that the scan at the end is expected to remove from the belief that
+            the walk alone would leave, without a look on the way [nat]: :func:`expected_gain`.
+    """
+
+    walk: Walk
+    expected_gain: float
+
+
+@runtime_checkable
+class Planner(Protocol):
+    """An agent that says what it expects.
+
+    Attributes:
+        plan: What the last decision set out to do; None where it went on with an earlier plan.
+    """
+
+    plan: Plan | None
+
+
+def plan_of(agent: object) -> Plan | None:
+    """What an agent has just set out to do; None for one that does not plan."""
+    return agent.plan if isinstance(agent, Planner) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +216,8 @@ def exact_entropy(
                 value = log_p[left % n_readings, rows[m, b]]
                 left //= n_readings
                 log_likelihood += value
-                joint[m] += weights[case, b] * value
+                if weights[case, b] > 0.0:
+                    joint[m] += weights[case, b] * value
             if stopped[m] == (case == 1):
                 p_case += np.exp(log_likelihood) / n
             else:
@@ -194,6 +234,25 @@ def exact_entropy(
                 p = mass[i] / total
                 expected -= p_case * p * np.log(p)
     return expected
+
+
+def law_of(
+    knowledge: Knowledge, poses: NDArray[np.float64]
+) -> tuple[NDArray[np.int32], NDArray[np.float32], float]:
+    """What the beams would read from poses ``(M, 3)``, and how the filter counts a reading.
+
+    Returns:
+        Row ``(M, B)`` for each pose and beam; ``(Z, R)`` of log P(reading in bin | row), each
+        column a distribution; the exponent that the filter puts on it.
+    """
+    belief = knowledge.belief
+    rows, log_p = belief.forecast(knowledge.robot, poses)
+    power = 1.0
+    if isinstance(belief, HistogramBelief | ParticleBelief):
+        power = belief.config.likelihood_power
+    if isinstance(belief, ParticleBelief):  # Its table holds powers already.
+        log_p = log_p / np.float32(power)
+    return rows, log_p, power
 
 
 def expected_entropy(
@@ -215,11 +274,11 @@ def expected_entropy(
         contact_floor: How likely the odometry misses or invents an obstacle.
     """
     belief, robot = knowledge.belief, knowledge.robot
-    rows, log_p = belief.forecast(robot, imagined.poses)
+    rows, log_p, power = law_of(knowledge, imagined.poses)
     bins = belief.bins(robot).index(imagined.poses)
     distinct, compact = np.unique(bins, return_inverse=True)
     bearings = knowledge.sensor.bearings
-    weights = np.stack(
+    weights = power * np.stack(
         [imagined.place_if_free.weigh(bearings), imagined.place_if_stopped.weigh(bearings)]
     )
     log_contact = float(np.log(contact_floor)) if imagined.news else 0.0

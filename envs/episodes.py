@@ -17,23 +17,29 @@ from numpy.typing import NDArray
 from activeloc import checks
 from activeloc.beliefs import Belief, Summary
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig
+from activeloc.beliefs.novelty import drop_novel
 from activeloc.beliefs.particles import ParticleBelief, ParticleConfig
 from activeloc.configuration import build, build_kind, unknown
 from activeloc.envs.actions import Actions
 from activeloc.envs.observations import ObservationConfig, observe
 from activeloc.envs.rewards import RewardWeights
-from activeloc.envs.tasks import Task, is_near, pose_error
+from activeloc.envs.tasks import Task, Watch, carried, is_near, pose_error
 from activeloc.errors import ActionError, ConfigError
 from activeloc.grid import OccupancyGrid
 from activeloc.maps import MapSource
 from activeloc.motion import MotionModel
-from activeloc.sensors import BeamModel, LikelihoodField, RangeSensor
-from activeloc.simulator import Simulator
+from activeloc.sensors import BeamModel, LikelihoodField, ProximityModel, RangeSensor, Sonar
+from activeloc.simulator import Simulator, checked_pose
 
-SENSORS = {"beam": BeamModel, "field": LikelihoodField}
+SENSORS = {
+    "beam": BeamModel,
+    "field": LikelihoodField,
+    "proximity": ProximityModel,
+    "sonar": Sonar,
+}
 BELIEFS = {"histogram": HistogramConfig, "particles": ParticleConfig}
 WORLDS = ("continuous", "discrete")
-RESET_OPTIONS = ("map", "grid", "pose")
+RESET_OPTIONS = ("map", "grid", "pose", "kidnap_pose")
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,8 @@ class EpisodeConfig:
         world: ``continuous``, or ``discrete``: the filter's own discretisation made true.
         filter_sensor: The sensor that the filter assumes; the true one if None.
         filter_motion: The motion model that the filter assumes; the true one if None.
+        people: Probability that a beam is cut short by somebody who is not on the map. The filter
+            is not told.
     """
 
     task: Task = field(default_factory=Task)
@@ -65,6 +73,7 @@ class EpisodeConfig:
     world: str = "continuous"
     filter_sensor: RangeSensor | None = None
     filter_motion: MotionModel | None = None
+    people: float = 0.0
 
     @classmethod
     def build(cls, settings: Mapping[str, Any]) -> EpisodeConfig:
@@ -101,8 +110,10 @@ class EpisodeConfig:
             filter_motion=None
             if given["filter_motion"] is None
             else build(MotionModel, given["filter_motion"], "filter_motion"),
+            people=0.0 if given["people"] is None else given["people"],
         )
         checks.choice("world", config.world, WORLDS)
+        checks.number("people", config.people, 0.0, 1.0)
         if config.filter_sensor is not None and len(config.filter_sensor.bearings) != len(
             config.sensor.bearings
         ):
@@ -151,13 +162,15 @@ class _Episode:
     scan: NDArray[np.float64]
     kidnap_step: int
     kidnap_pose: NDArray[np.float64]
+    watch: Watch
+    novelty_rng: np.random.Generator
     u: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     touched: bool = False
     step: int = 0
     held: int = 0
-    armed: bool = True
-    kidnapped: bool = False
+    kidnap_given: bool = False
     impossible: int = 0
+    dropped: int = 0
     over: bool = False
     right: bool = False
     wrong: bool = False
@@ -176,8 +189,11 @@ class Episodes:
         self.config = config
         self.n_robots = n_robots
         self.filter_sensor = config.filter_sensor or config.sensor
-        self.filter_motion = config.filter_motion or config.motion
-        self.simulator = Simulator(n_robots, config.sensor, config.motion, self._redraw())
+        # Nobody tells the filter or a planner that the odometry blunders.
+        self.filter_motion = config.filter_motion or replace(config.motion, blunder=0.0)
+        self.simulator = Simulator(
+            n_robots, config.sensor, config.motion, self._redraw(), config.people
+        )
         self.belief = self._make_belief()
         self._episodes: list[_Episode | None] = [None] * n_robots
 
@@ -191,8 +207,8 @@ class Episodes:
 
     def _make_belief(self) -> HistogramBelief | ParticleBelief:
         belief = self.config.belief
-        if self.config.task.kind == "kidnapped" and belief.leak == 0.0:
-            belief = replace(belief, leak=self.config.task.kidnap_leak)
+        if self.config.task.kind == "kidnapped":
+            belief = replace(belief, leak=max(belief.leak, self.config.task.kidnap_leak))
         if isinstance(belief, HistogramConfig):
             return HistogramBelief(self.n_robots, belief, self.filter_sensor, self.filter_motion)
         return ParticleBelief(self.n_robots, belief, self.filter_sensor, self.filter_motion)
@@ -224,6 +240,18 @@ class Episodes:
             episode.step,
         )
 
+    def pose(self, robot: int) -> NDArray[np.float64]:
+        """The true pose ``(3,)``."""
+        return self.simulator.poses[robot].copy()
+
+    def grid(self, robot: int) -> OccupancyGrid:
+        """The map that a robot is on."""
+        return self.belief.terrain(robot).grid
+
+    def probability_at_truth(self, robot: int) -> float:
+        """Mass of the belief near the true pose."""
+        return self.belief.mass_near(robot, self.simulator.poses[robot])
+
     def reset(
         self, robot: int, rng: np.random.Generator, options: Mapping[str, Any] | None = None
     ) -> None:
@@ -232,33 +260,45 @@ class Episodes:
         Args:
             robot: Which one.
             rng: Source of all that is random in the episode.
-            options: ``grid`` (an :class:`OccupancyGrid`) or ``map`` (as the environment's), and
-                ``pose`` ``(3,)``, to start where a caller says.
+            options: ``grid`` (an :class:`OccupancyGrid`) or ``map`` (as the environment's),
+                ``pose`` ``(3,)``, to start where a caller says, and ``kidnap_pose`` ``(3,)``, where
+                a kidnapped robot is carried to.
 
         Raises:
-            ConfigError: If an option is unknown.
-            MapError: If the robot cannot be at the pose.
+            ConfigError: If an option is unknown or not for this task.
+            MapError: If the robot cannot be at one of the poses.
         """
+        options = options or {}
         world, filter_rng = rng.spawn(2)
-        grid, pose = self._start(world, options or {})
+        grid, pose = self._start(world, options)
         self.simulator.place(robot, grid, world, pose)
         truth = self.simulator.poses[robot].copy()
         task = self.config.task
         offset = world.standard_normal(3) * [task.sigma_xy, task.sigma_xy, task.sigma_theta]
-        kidnap_step = int(world.integers(task.kidnap_first, task.kidnap_last + 1))
-        kidnap_pose = self.simulator.terrain(robot).uniform_poses(world.random((1, 4)))[0]
+        kidnap_step = task.kidnap_step(world)
+        terrain = self.simulator.terrain(robot)
+        kidnap_pose = terrain.uniform_poses(world.random((1, 4)))[0]
+        given = options.get("kidnap_pose")
+        if given is not None:
+            kidnap_pose = checked_pose(terrain, given, "kidnap_pose")
         self._start_belief(robot, grid, filter_rng, truth + offset)
         scan = self.simulator.scan(robot, world)
-        impossible = self.belief.correct(robot, scan) == -np.inf
-        self._episodes[robot] = _Episode(
+        novelty_rng = filter_rng.spawn(1)[0]
+        impossible, dropped = self._correct(robot, scan, novelty_rng)
+        episode = _Episode(
             world,
             self.belief.summarise(robot),
             scan,
             kidnap_step,
             kidnap_pose,
-            armed=task.kind != "kidnapped",
-            impossible=int(impossible),
+            Watch(task),
+            novelty_rng,
+            kidnap_given=given is not None,
+            impossible=impossible,
+            dropped=dropped,
         )
+        self._episodes[robot] = episode
+        self._watch(robot, episode, episode.summary.estimate)
 
     def _start(
         self, world: np.random.Generator, options: Mapping[str, Any]
@@ -266,6 +306,11 @@ class Episodes:
         for name in options:
             if name not in RESET_OPTIONS:
                 raise unknown("reset options", name, RESET_OPTIONS)
+        if options.get("kidnap_pose") is not None and self.config.task.kind != "kidnapped":
+            raise ConfigError(
+                "reset options: kidnap_pose is for a kidnapped robot; the task is "
+                f"{self.config.task.kind!r}"
+            )
         grid = self.config.map.draw(world) if "map" not in options else None
         if "map" in options:
             grid = MapSource.parse(options["map"]).draw(world)
@@ -305,29 +350,61 @@ class Episodes:
             raise ActionError("step() after the episode has ended: call reset()")
         command = self.config.actions.command(action)
         before = self.entropy_fraction(robot)
+        last = episode.summary.estimate
         episode.step += 1
         episode.u = self.simulator.step(robot, command, episode.rng)
         episode.touched = bool(self.filter_motion.touched(command, episode.u))
-        if self.config.task.kind == "kidnapped" and episode.step == episode.kidnap_step:
-            self.simulator.poses[robot] = episode.kidnap_pose
-            episode.kidnapped = True
+        if episode.step == episode.kidnap_step:
+            self._kidnap(robot, episode)
         episode.scan = self.simulator.scan(robot, episode.rng)
         self.belief.predict(robot, episode.u, episode.touched)
-        if self.belief.correct(robot, episode.scan) == -np.inf:
-            episode.impossible += 1
+        impossible, dropped = self._correct(robot, episode.scan, episode.novelty_rng)
+        episode.impossible += impossible
+        episode.dropped += dropped
         episode.summary = self.belief.summarise(robot)
+        self._watch(robot, episode, carried(last, episode.u))
         self._declare(robot, episode)
         episode.terms = self.config.reward.terms(
             before, self.entropy_fraction(robot), episode.right, episode.wrong
         )
 
+    def _correct(
+        self, robot: int, scan: NDArray[np.float64], rng: np.random.Generator
+    ) -> tuple[int, int]:
+        """Correct the belief by what the novelty filter leaves of a scan.
+
+        Returns:
+            Scans that were impossible, 0 or 1, and beams left out.
+        """
+        used, novelty = scan, self.config.belief.novelty
+        if novelty > 0.0:
+            used = drop_novel(self.belief, robot, self.filter_sensor, scan, novelty, rng)
+        dropped = int((np.isnan(used) & ~np.isnan(scan)).sum())
+        return int(self.belief.correct(robot, used) == -np.inf), dropped
+
+    def _kidnap(self, robot: int, episode: _Episode) -> None:
+        """Carry a robot off."""
+        place = episode.kidnap_pose
+        if not episode.kidnap_given:
+            terrain, here = self.simulator.terrain(robot), self.simulator.poses[robot]
+            place = self.config.task.kidnap_pose(terrain, here, place, episode.rng)
+        self.simulator.poses[robot] = place
+        episode.watch.kidnapped_at = episode.step
+
+    def _watch(self, robot: int, episode: _Episode, reckoned: NDArray[np.float64]) -> None:
+        """Take note of what a kidnapped robot believes; ``reckoned`` is by dead reckoning."""
+        if self.config.task.kind == "kidnapped":
+            summary = episode.summary
+            near = is_near(*pose_error(summary.estimate, self.simulator.poses[robot]))
+            jumped = not is_near(*pose_error(summary.estimate, reckoned))
+            episode.watch.see(episode.step, summary.mass, near, jumped)
+
     def _declare(self, robot: int, episode: _Episode) -> None:
         """End the episode when the belief has been sure for long enough."""
         task = self.config.task
         sure = episode.summary.mass >= task.confidence
-        if episode.kidnapped and not sure:
-            episode.armed = True
-        episode.held = episode.held + 1 if sure and episode.armed else 0
+        armed = task.kind != "kidnapped" or episode.watch.noticed
+        episode.held = episode.held + 1 if sure and armed else 0
         if task.declares and episode.held >= task.hold:
             near = is_near(*pose_error(episode.summary.estimate, self.simulator.poses[robot]))
             episode.over, episode.right, episode.wrong = True, near, not near
@@ -364,16 +441,20 @@ class Episodes:
 
         ``entropy`` [nat], ``entropy_fraction`` of the uniform belief's, ``mass`` near the estimate,
         ``error_m`` and ``error_rad`` of the estimate, ``is_success`` and ``wrong`` (a declaration;
-        in tracking, whether the estimate is near the truth now, and sure but not near),
-        ``impossible`` scans so far, ``touched``, ``kidnapped``, and the reward's terms.
+        in tracking, and while nobody carries off a robot that may be, whether the estimate is near
+        the truth now, without a false alarm before, and sure but not near), ``impossible`` scans
+        and ``dropped`` beams so far, ``touched``, and the reward's terms. Of a kidnapped robot
+        (:mod:`activeloc.envs.tasks` defines the words): ``kidnapped``, ``noticed``,
+        ``notice_steps`` and ``recover_steps`` since then (-1 for not), and ``false_alarm``.
         """
         episode = self.episode(robot)
         summary = episode.summary
         error_m, error_rad = pose_error(summary.estimate, self.simulator.poses[robot])
-        right, wrong = episode.right, episode.wrong
-        if not self.config.task.declares:
-            right = is_near(error_m, error_rad)
-            wrong = not right and summary.mass >= self.config.task.confidence
+        right, wrong, watch = episode.right, episode.wrong, episode.watch
+        if self.config.task.judges_now(watch.kidnapped):
+            near = is_near(error_m, error_rad)
+            right = near and not watch.false_alarm
+            wrong = not near and summary.mass >= self.config.task.confidence
         terms = episode.terms or dict.fromkeys(self.config.reward.terms(0, 0, False, False), 0.0)
         return {
             "entropy": summary.entropy,
@@ -384,7 +465,12 @@ class Episodes:
             "is_success": right,
             "wrong": wrong,
             "impossible": episode.impossible,
+            "dropped": episode.dropped,
             "touched": episode.touched,
-            "kidnapped": episode.kidnapped,
+            "kidnapped": watch.kidnapped,
+            "noticed": watch.noticed,
+            "notice_steps": watch.notice_steps,
+            "recover_steps": watch.recover_steps(episode.step, episode.right),
+            "false_alarm": watch.false_alarm,
             **{f"reward_{name}": value for name, value in terms.items()},
         }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -31,6 +32,10 @@ Two agents on your own map, with a sensor that sees 3 m:
 The particle filter, tracking, with 75 steps an episode:
   activeloc evaluate --env PositionTracking-v0 --belief particles \\
       --steps 75 --out results-tracking
+The kidnapped robot, and the same with nobody to carry it off:
+  activeloc evaluate --env KidnappedRobot-v0 --agents spin,active --out results-kidnapped
+  activeloc evaluate --env KidnappedRobot-v0 --agents spin,active \\
+      --set task.kidnap=never --out results-left-alone
 
 \b
 Into DIR: episodes.csv  a row for each episode (entropy [nat], errors [m], [rad])
@@ -60,6 +65,10 @@ def evaluate(
     jobs: Annotated[int, typer.Option("--jobs", help="Processes that play.", metavar="J")] = 1,
     steps: options.Steps = None,
     settings: options.Settings = None,
+    gains: Annotated[
+        bool,
+        typer.Option("--gains", help="Measure what planners expect of scans, and get."),
+    ] = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Throw away what DIR holds of earlier runs.")
     ] = False,
@@ -69,6 +78,7 @@ def evaluate(
 
     names = options.split_agents(agents)
     sweep = options.make_sweep(env, map_spec, belief, names, settings or [], seed, steps, episodes)
+    sweep = replace(sweep, gains=gains)
     with _progress(sweep) as progress:
         try:
             report = evaluation.evaluate(
@@ -144,7 +154,7 @@ def _print(report: Report, folder: Path) -> None:
     """The tables, what is in the folder, and remarks."""
     from rich.console import Console
 
-    from activeloc.cli.tables import differences_table, scores_table
+    from activeloc.cli.tables import differences_table, gains_table, kidnap_table, scores_table
 
     console, sweep = Console(highlight=False, markup=False), report.sweep
     print(
@@ -152,6 +162,12 @@ def _print(report: Report, folder: Path) -> None:
         "steps;\nunder each score its 95 % interval\n"
     )
     console.print(scores_table(report))
+    if report.kidnap_scores:
+        print("\ncarried off and not told (steps since then; false alarms before it):\n")
+        console.print(kidnap_table(report))
+    if report.gains:
+        print("\nwhat a planner's scan was expected to tell, and what it told:\n")
+        console.print(gains_table(report))
     if report.differences:
         print(f"\nless {next(iter(sweep.agents))}'s, on the same episodes:\n")
         console.print(differences_table(report))

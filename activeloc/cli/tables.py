@@ -19,6 +19,14 @@ _HEADS = {
     "steps": ("steps", ".0f"),
     "entropy_auc": ("area", ".2f"),
     "error_m": ("error\n[m]", ".2f"),
+    "noticed": ("noticed", ".2f"),
+    "recovered": ("recovered", ".2f"),
+    "notice_steps": ("steps to\nnotice", ".1f"),
+    "recover_steps": ("steps to\nrecover", ".1f"),
+    "false_alarm": ("false\nalarms", ".3f"),
+    "expected_gain": ("expected\n[nat]", ".3f"),
+    "realised_gain": ("realised\n[nat]", ".3f"),
+    "earned": ("realised /\nexpected", ".2f"),
 }
 
 
@@ -30,6 +38,16 @@ def scores_table(report: Report) -> Table:
 def differences_table(report: Report) -> Table:
     """A row for each agent but the first: paired differences."""
     return _table(report.differences, "+")
+
+
+def kidnap_table(report: Report) -> Table:
+    """A row for each agent: what it made of the kidnapping."""
+    return _table(report.kidnap_scores, "")
+
+
+def gains_table(report: Report) -> Table:
+    """A row for each planner: what it expected of its scans and what they gave."""
+    return _table(report.gains, "")
 
 
 def _table(rows: Mapping[str, Mapping[str, Estimate]], sign: str) -> Table:

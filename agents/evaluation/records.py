@@ -44,6 +44,14 @@ class Record:
         n_particles: Mean over the steps; None if the belief is not made of particles.
         act_ms: Mean duration of a decision [ms].
         step_ms: Mean duration of a step of the environment [ms].
+        kidnapped: Whether the robot was carried off; this and the next three are a kidnapped
+            robot's, in the words of :mod:`activeloc.envs.tasks`.
+        notice_steps: From then until the belief let go; -1 if it did not.
+        recover_steps: From then until a right declaration; -1 if there was none.
+        false_alarm: Whether the belief gave up a right pose with nobody having touched the robot.
+        gains: What the agent expected of each scan it planned for and what that scan gave,
+            ``(expected, realised)`` [nat] each: :mod:`activeloc.agents.evaluation.gains`. Empty
+            if it was not asked for.
     """
 
     agent: str
@@ -65,6 +73,11 @@ class Record:
     n_particles: float | None
     act_ms: float
     step_ms: float
+    kidnapped: bool = False
+    notice_steps: int = -1
+    recover_steps: int = -1
+    false_alarm: bool = False
+    gains: tuple[tuple[float, float], ...] = ()
 
     @property
     def key(self) -> tuple[str, int]:
@@ -189,10 +202,16 @@ class RecordFile:
 def _record(entry: Mapping[str, Any]) -> Record:
     """A record from its line.
 
+    Fields with a default may be missing: a file of an older version is told from ours by its
+    configuration, which says more than a line that cannot be read.
+
     Raises:
-        TypeError: If a name is missing or foreign.
+        TypeError: If another name is missing, or one is foreign.
+        ValueError: If a gain is no pair.
     """
-    return Record(**{**entry, "entropy": (*entry["entropy"],), "start": (*entry["start"],)})
+    sequences = {"entropy": (*entry["entropy"],), "start": (*entry["start"],)}
+    gains = tuple((expected, realised) for expected, realised in entry.get("gains", ()))
+    return Record(**{**entry, **sequences, "gains": gains})
 
 
 def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> tuple[str, Any, Any] | None:

@@ -53,6 +53,7 @@ _COLUMNS = {
     "error_rad": "error_rad",
     "return": "total_reward",
 }
+_KIDNAP_COLUMNS = ("kidnapped", "notice_steps", "recover_steps", "false_alarm")
 _PACKAGES = ("gymnasium", "numba", "numpy", "scipy")
 
 
@@ -78,6 +79,27 @@ class Report:
     def scores(self) -> dict[str, dict[str, Estimate]]:
         """By agent, each score with its interval."""
         return {name: statistics.estimates(c) for name, c in self._columns.items()}
+
+    @cached_property
+    def kidnap_scores(self) -> dict[str, dict[str, Estimate]]:
+        """By agent, what is said besides of a kidnapped robot; nothing in another task."""
+        if not self._kidnapped:
+            return {}
+        kinds = statistics.KIDNAP_SCORES
+        return {name: statistics.estimates(c, kinds) for name, c in self._columns.items()}
+
+    @property
+    def _kidnapped(self) -> bool:
+        return self.sweep.config().task.kind == "kidnapped"
+
+    @cached_property
+    def gains(self) -> dict[str, dict[str, Estimate]]:
+        """By agent that plans, the gains that it expected and had, where they were recorded."""
+        return {
+            name: statistics.estimates(statistics.gain_columns(records), statistics.GAIN_SCORES)
+            for name, records in self.by_agent.items()
+            if any(record.gains for record in records)
+        }
 
     @cached_property
     def differences(self) -> dict[str, dict[str, Estimate]]:
@@ -106,12 +128,14 @@ class Report:
         }
 
     def episodes_csv(self) -> bytes:
-        """One row for each record."""
+        """One row for each record; a kidnapped robot's has four columns more."""
+        columns = dict(_COLUMNS)
+        if self._kidnapped:
+            columns |= {name: name for name in _KIDNAP_COLUMNS}
         rows = [
-            [_cell(getattr(record, field)) for field in _COLUMNS.values()]
-            for record in self.records
+            [_cell(getattr(record, field)) for field in columns.values()] for record in self.records
         ]
-        return _csv([*_COLUMNS], rows)
+        return _csv([*columns], rows)
 
     def curves_csv(self) -> bytes:
         """Mean entropy fraction by agent and step, its 95 % interval, and the episodes behind."""
@@ -138,10 +162,20 @@ class Report:
                 **{name: metadata.version(name) for name in _PACKAGES},
             },
             "scores": {n: _plain_estimates(scores) for n, scores in self.scores.items()},
+            **self._extras(),
             "baseline": next(iter(sweep.agents)),
             "differences": {n: _plain_estimates(d) for n, d in self.differences.items()},
             "diagnostics": {n: _diagnostics(records) for n, records in self.by_agent.items()},
             "timing": {n: _timing(records) for n, records in self.by_agent.items()},
+        }
+
+    def _extras(self) -> dict[str, Any]:
+        """Scores that only some sweeps have."""
+        extras = {"kidnapping": self.kidnap_scores, "gains": self.gains}
+        return {
+            what: {name: _plain_estimates(scores) for name, scores in by_agent.items()}
+            for what, by_agent in extras.items()
+            if by_agent
         }
 
 

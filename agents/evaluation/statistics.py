@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,8 +48,7 @@ def _median(name: str) -> Statistic:
 
 def _wrong_of_declared(columns: Columns) -> NDArray[np.float64]:
     wrong, right = columns["wrong"].sum(axis=-1), columns["success"].sum(axis=-1)
-    nothing = np.full_like(wrong, np.nan)
-    return np.divide(wrong, wrong + right, out=nothing, where=wrong + right > 0)
+    return _ratio(wrong, wrong + right)
 
 
 SCORES: dict[str, Statistic] = {
@@ -63,8 +63,71 @@ SCORES: dict[str, Statistic] = {
 """What is said of an agent: shares of right and of wrong-and-sure episodes, share of declarations
 that were wrong, mean steps with failures at the limit, mean penalised area, median final errors."""
 
-_SHARES = ("right", "wrong", "wrong_of_declared")
-_COLUMNS = ("success", "wrong", "steps", "entropy_auc", "error_m", "error_rad")
+
+def _of_kidnapped(has: str) -> Statistic:
+    """Share of the episodes with a kidnapping in which a time is not -1."""
+
+    def share(columns: Columns) -> NDArray[np.float64]:
+        return _ratio((columns[has] >= 0).sum(axis=-1), columns["kidnapped"].sum(axis=-1))
+
+    return share
+
+
+def _mean_time(name: str) -> Statistic:
+    """Mean of a time over the episodes that have it."""
+
+    def mean(columns: Columns) -> NDArray[np.float64]:
+        has = columns[name] >= 0
+        return _ratio(np.where(has, columns[name], 0.0).sum(axis=-1), has.sum(axis=-1))
+
+    return mean
+
+
+def _ratio(above: NDArray[Any], below: NDArray[Any]) -> NDArray[np.float64]:
+    """Quotients; NaN where there is nothing to divide by."""
+    nothing = np.full(np.shape(below), np.nan)
+    return np.divide(above, below, out=nothing, where=np.asarray(below) > 0)
+
+
+KIDNAP_SCORES: dict[str, Statistic] = {
+    "noticed": _of_kidnapped("notice_steps"),
+    "recovered": _of_kidnapped("recover_steps"),
+    "notice_steps": _mean_time("notice_steps"),
+    "recover_steps": _mean_time("recover_steps"),
+    "false_alarm": _mean("false_alarm"),
+}
+"""What is said besides of a kidnapped robot: shares of the kidnappings that it noticed and that it
+recovered from, mean steps until then over those, share of all episodes with a false alarm before
+any kidnapping."""
+
+_SHARES = ("right", "wrong", "wrong_of_declared", "noticed", "recovered", "false_alarm")
+_COLUMNS = (
+    *("success", "wrong", "steps", "entropy_auc", "error_m", "error_rad"),
+    *("kidnapped", "notice_steps", "recover_steps", "false_alarm"),
+)
+
+
+def gain_columns(records: Sequence[Record]) -> dict[str, NDArray[np.float64]]:
+    """Gains summed over each episode, ``(n_episodes,)``: how many, expected and realised [nat]."""
+    sums = [
+        (len(r.gains), sum(e for e, _ in r.gains), sum(g for _, g in r.gains))
+        for r in sorted(records, key=lambda record: record.episode)
+    ]
+    names = ("walks", "expected", "realised")
+    return dict(zip(names, np.array(sums, dtype=np.float64).T, strict=True))
+
+
+def _per_walk(name: str) -> Statistic:
+    return lambda columns: _ratio(columns[name].sum(axis=-1), columns["walks"].sum(axis=-1))
+
+
+GAIN_SCORES: dict[str, Statistic] = {
+    "expected_gain": _per_walk("expected"),
+    "realised_gain": _per_walk("realised"),
+    "earned": lambda c: _ratio(c["realised"].sum(axis=-1), c["expected"].sum(axis=-1)),
+}
+"""What is said of a planner's expectations: means over all walks [nat] and what it earned of what
+it expected, resampled by whole episodes."""
 
 
 def columns_of(records: Sequence[Record]) -> dict[str, NDArray[np.float64]]:
@@ -73,21 +136,28 @@ def columns_of(records: Sequence[Record]) -> dict[str, NDArray[np.float64]]:
     return {name: np.array([float(getattr(r, name)) for r in ordered]) for name in _COLUMNS}
 
 
-def estimates(columns: Columns) -> dict[str, Estimate]:
+def estimates(columns: Columns, scores: Mapping[str, Statistic] = SCORES) -> dict[str, Estimate]:
     """Each score of an agent.
 
     Args:
         columns: As :func:`columns_of` gives them, of at least one episode.
+        scores: Which.
     """
     drawn = _resampled(columns)
     result = {}
-    for name, score in SCORES.items():
+    for name, score in scores.items():
         estimate = _estimate(float(score(columns)), drawn(score))
-        n = len(columns["success"])
-        if name == "wrong_of_declared":
-            n = int(columns["success"].sum() + columns["wrong"].sum())
-        result[name] = _opened(estimate, n) if name in _SHARES else estimate
+        result[name] = _opened(estimate, _among(name, columns)) if name in _SHARES else estimate
     return result
+
+
+def _among(share: str, columns: Columns) -> int:
+    """How many episodes a share is of."""
+    if share == "wrong_of_declared":
+        return int(columns["success"].sum() + columns["wrong"].sum())
+    if share in ("noticed", "recovered"):
+        return int(columns["kidnapped"].sum())
+    return len(columns["success"])
 
 
 def differences(columns: Columns, baseline: Columns) -> dict[str, Estimate]:
@@ -111,7 +181,7 @@ def differences(columns: Columns, baseline: Columns) -> dict[str, Estimate]:
 
 def _resampled(columns: Columns) -> Callable[[Statistic], NDArray[np.float64]]:
     """What a score is on each of the resamples: ``(RESAMPLES,)``, a few at a time."""
-    n = len(columns["success"])
+    n = len(next(iter(columns.values())))
     block = max(1, 1_000_000 // n)
 
     def drawn(score: Statistic) -> NDArray[np.float64]:

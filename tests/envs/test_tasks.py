@@ -8,11 +8,13 @@ import pytest
 
 import activeloc  # noqa: F401  (registers the ids)
 from activeloc.beliefs import Summary
+from activeloc.beliefs.settings import HistogramConfig, ParticleConfig
 from activeloc.envs.episodes import EpisodeConfig, Episodes
 from activeloc.envs.rewards import RewardWeights
-from activeloc.envs.tasks import Task, is_near, pose_error
-from activeloc.errors import ActionError, ConfigError
+from activeloc.envs.tasks import Task, carried, is_near, pose_error
+from activeloc.errors import ActionError, ConfigError, MapError
 from activeloc.maps import from_text
+from activeloc.motion import move
 
 MAP = "rooms(width=6,height=5,resolution=0.1):1"
 HALL = from_text(
@@ -322,14 +324,16 @@ def test_the_filter_expects_to_be_carried_off_only_where_that_happens(belief):
     assert own.knowledge.belief.config.leak == 0.1
     plain = hall_env(GLOBAL, belief)
     assert plain.reset(seed=0)
-    assert plain.knowledge.belief.config.leak == 0.0
+    default = {"histogram": HistogramConfig, "particles": ParticleConfig}[belief]()
+    assert plain.knowledge.belief.config.leak == default.leak
+    assert default.leak < 1e-3
 
 
 def mass_at_the_truth(leak, seed):
     """What a robot gives its true pose, 40 steps after it was carried off at the third."""
     task = {"kind": "kidnapped", "kidnap_first": 3, "kidnap_last": 3, "kidnap_leak": leak,
             "hold": 1000}  # fmt: skip
-    env = hall_env(KIDNAPPED, task=task)
+    env = hall_env(KIDNAPPED, {**BELIEFS["histogram"], "leak": leak}, task=task)
     env.reset(seed=seed)
     for action in (2, 0, 0, *(0,) * 12, *(2, 2, 0) * 10):
         env.step(action)
@@ -341,6 +345,287 @@ def test_the_leak_lets_the_belief_recover():
     without = [mass_at_the_truth(0.0, seed) for seed in range(6)]
     assert np.median(with_leak) > 0.6
     assert np.median(without) < 0.05
+
+
+# --- when and where it is carried off
+
+
+def kidnap_steps(n, limit=40, **task):
+    """The step at which each of n robots is carried off; 0 for not within the limit."""
+    task = {"kind": "kidnapped", **task}
+    steps = []
+    for seed in range(n):
+        episodes, step = scripted([0.5], seed=seed, **task), 0
+        while step < limit and not episodes.info(0)["kidnapped"]:
+            episodes.step(0, 0)
+            step += 1
+        steps.append(step if episodes.info(0)["kidnapped"] else 0)
+    return np.array(steps)
+
+
+def test_a_robot_that_is_never_carried_off_is_not():
+    assert not kidnap_steps(20, kidnap="never").any()
+
+
+def test_a_rate_waits_as_long_as_coins_do():
+    """The step is geometric: compared by its mean and by the share carried off at the first."""
+    n, rate = 2000, 0.2
+    task = Task(kind="kidnapped", kidnap="rate", kidnap_rate=rate)
+    steps = np.array([task.kidnap_step(np.random.default_rng(seed)) for seed in range(n)])
+    assert steps.min() == 1
+    assert steps.mean() == pytest.approx(1 / rate, abs=4 * np.sqrt((1 - rate) / n) / rate)
+    share = np.mean(steps == 1)
+    assert share == pytest.approx(rate, abs=4 * np.sqrt(rate * (1 - rate) / n))
+    played = kidnap_steps(20, kidnap="rate", kidnap_rate=rate)
+    assert len(set(played)) > 4
+    assert played.max() < 40
+
+
+def test_until_it_is_carried_off_a_robot_lives_the_same_episode():
+    """Never, in a range or at a rate: luck before the kidnapping does not depend on it."""
+    seen = {}
+    for kidnap in ("never", "range", "rate"):
+        task = {"kind": "kidnapped", "kidnap": kidnap, "kidnap_first": 9, "kidnap_last": 9,
+                "kidnap_rate": 1e-9}  # fmt: skip
+        episodes = scripted([0.5], **task)
+        seen[kidnap] = []
+        for _ in range(8):
+            episodes.step(0, 2)
+            seen[kidnap].append(episodes.episode(0).scan.tolist())
+    assert seen["never"] == seen["range"] == seen["rate"]
+
+
+def jump(seed, **task):
+    """Where a robot was carried off from and to, at its first step."""
+    task = {"kind": "kidnapped", "kidnap_first": 1, "kidnap_last": 1, **task}
+    episodes = scripted([0.5], seed=seed, **task)
+    before = episodes.simulator.poses[0].copy()
+    episodes.step(0, 0)
+    return before[:2], episodes.simulator.poses[0, :2].copy()
+
+
+def test_it_is_carried_at_least_as_far_as_is_said():
+    """And where the first place drawn is far enough, it is that place."""
+    n_moved = 0
+    for seed in range(60):
+        start, anywhere = jump(seed)
+        same_start, far = jump(seed, kidnap_distance=3.0)
+        np.testing.assert_array_equal(start, same_start)
+        assert np.hypot(*(far - start)) >= 3.0
+        if np.hypot(*(anywhere - start)) >= 3.0:
+            np.testing.assert_array_equal(anywhere, far)
+        else:
+            n_moved += 1
+    assert n_moved > 10
+
+
+def test_far_places_are_uniform_among_the_far():
+    """From one start, the share in the far half is that of the open ground's cells."""
+    task = Task(kidnap_distance=3.0)
+    terrain = scripted([0.5]).simulator.terrain(0)
+    pose = np.array([1.6, -2.4, 0.0])
+    cells = terrain.grid.to_metres(terrain.open_cells[:, ::-1] + 0.5)
+    far = cells[np.hypot(*(cells - pose[:2]).T) >= 3.0]
+    rng = np.random.default_rng(0)
+    places = np.array([task.kidnap_pose(terrain, pose, pose, rng) for _ in range(800)])
+    east = np.mean(far[:, 0] > 6.0)
+    assert np.mean(places[:, 0] > 6.0) == pytest.approx(east, abs=4 * np.sqrt(0.25 / 800) + 0.03)
+    assert 0.2 < east < 0.8
+
+
+def test_where_nothing_is_far_enough_it_is_carried_about_as_far_as_can_be():
+    start, far = jump(0, kidnap_distance=1000.0)
+    cells = scripted([0.5]).simulator.terrain(0)
+    corners = cells.grid.to_metres(cells.open_cells[:, ::-1] + 0.5)
+    farthest = np.hypot(*(corners - start).T).max()
+    assert np.hypot(*(far - start)) > farthest - 0.6
+
+
+def test_a_caller_says_where_it_is_carried_to():
+    place = np.array([6.0, -2.0, 0.5])
+    env = hall_env(KIDNAPPED, "particles",
+                   task={"kind": "kidnapped", "kidnap_first": 2, "kidnap_last": 2,
+                         "kidnap_distance": 1e5})  # fmt: skip
+    for options in ({"kidnap_pose": place}, {"kidnap_pose": [*place[:2], 0.5 + 2 * np.pi]}):
+        env.reset(seed=3, options=options)
+        env.step(0)
+        assert np.abs(env.pose - place).max() > 1e-3
+        env.step(0)
+        np.testing.assert_allclose(env.pose, place, atol=1e-12)
+    env.reset(seed=3)
+    env.step(0)
+    env.step(0)
+    assert np.abs(env.pose - place).max() > 1e-3
+
+
+@pytest.mark.parametrize("pose", [(0.0, 0.0, 0.0), (99.0, 0.0, 0.0), (1.0, 2.0), "there", np.nan])
+def test_no_robot_is_carried_into_a_wall(pose):
+    with pytest.raises(MapError, match="kidnap_pose"):
+        hall_env(KIDNAPPED, "particles").reset(seed=0, options={"kidnap_pose": pose})
+
+
+@pytest.mark.parametrize("id", [GLOBAL, TRACKING])
+def test_who_is_not_kidnapped_is_not_carried_anywhere(id):
+    with pytest.raises(ConfigError, match="kidnap_pose is for a kidnapped robot"):
+        hall_env(id, "particles").reset(seed=0, options={"kidnap_pose": (6.0, -2.0, 0.5)})
+
+
+def test_what_the_robot_knows_does_not_depend_on_the_kidnapping():
+    """All that it knows, but for the scan and what follows of it, is as if nothing had happened."""
+    known = {}
+    for kidnap in ("never", "range"):
+        task = {"kind": "kidnapped", "kidnap": kidnap, "kidnap_first": 1, "kidnap_last": 1}
+        blind = {"kind": "beam", "w_hit": 0.0, "w_short": 0.0, "w_max": 1.0, "w_rand": 0.0}
+        env = hall_env(KIDNAPPED, "histogram", task=task, sensor=blind)
+        env.reset(seed=4)
+        observation, reward, *_ = env.step(0)
+        knowledge = env.knowledge
+        names = [name for name in knowledge.__slots__ if name not in ("belief", "summary")]
+        known[kidnap] = [str({name: getattr(knowledge, name) for name in names}), reward,
+                         knowledge.summary.entropy, knowledge.summary.mass,
+                         {key: value.tolist() for key, value in observation.items()}]  # fmt: skip
+        names = [*knowledge.__slots__, *vars(knowledge.belief)]
+        assert not [name for name in names if "kidnap" in name or "watch" in name]
+    assert known["never"] == known["range"]
+
+
+# --- what is told of it
+
+SURE, DOUBT, LOST = 0.96, 0.94, 0.29
+
+
+@pytest.mark.parametrize(
+    ("masses", "notice", "recover"),
+    [
+        # It is carried off at step 3.
+        ([SURE] * 12, -1, -1),
+        ([SURE] * 3 + [LOST] + [SURE] * 3, 0, 3),
+        ([LOST, LOST, SURE, SURE, SURE, LOST, SURE, SURE, SURE], 2, 5),
+        ([SURE] * 3 + [DOUBT, 0.3] * 2 + [SURE] * 5, -1, -1),  # Less than sure is not let go.
+        ([SURE] * 5 + [LOST] * 4 + [SURE] * 3, 2, 8),
+        ([SURE] * 5 + [LOST] + [SURE, SURE, DOUBT] * 3, 2, -1),
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("right", [True, False])
+def test_steps_are_counted_from_the_kidnapping(masses, notice, recover, right):
+    task = {"kind": "kidnapped", "kidnap_first": 3, "kidnap_last": 3}
+    episodes = scripted(masses, (0.0 if right else 2.0, 0.0, 0.0), **task)
+    play(episodes, 2)
+    assert not episodes.info(0)["noticed"]
+    play(episodes, len(masses) - 3)
+    info = episodes.info(0)
+    assert (info["noticed"], info["notice_steps"]) == (notice >= 0, notice)
+    assert info["recover_steps"] == (recover if right else -1)
+    assert info["is_success"] == (right and recover >= 0)
+    assert info["wrong"] == (not right and recover >= 0)
+
+
+@pytest.mark.parametrize(
+    ("masses", "alarm"),
+    [
+        ([SURE] * 9, None),
+        ([SURE, SURE, SURE, LOST, SURE], 3),  # The first scan counts among the three.
+        ([SURE, SURE, LOST, SURE, SURE, SURE, LOST], 6),
+        ([SURE, SURE, SURE, 0.3, DOUBT, SURE, SURE], None),  # The level is not under it.
+        ([DOUBT, DOUBT, LOST, SURE, SURE, LOST, LOST], None),  # It was never sure for long.
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("kidnap", ["never", "range", "rate"])
+def test_an_alarm_is_false_where_the_belief_gave_up_what_it_knew(masses, alarm, kidnap):
+    task = {"kind": "kidnapped", "kidnap": kidnap, "kidnap_first": 99, "kidnap_last": 99,
+            "kidnap_rate": 1e-9}  # fmt: skip
+    episodes = scripted(masses, **task)
+    for step in range(1, len(masses)):
+        episodes.step(0, 0)
+        assert episodes.info(0)["false_alarm"] == (alarm is not None and step >= alarm)
+    info = episodes.info(0)
+    assert (info["noticed"], info["notice_steps"], info["recover_steps"]) == (False, -1, -1)
+
+
+@pytest.mark.parametrize(
+    ("path", "alarm"),
+    [
+        ([FAR[0]], True),
+        ([FAR[-1]], True),
+        ([(0.0, 0.0, np.deg2rad(40.0))], True),
+        ([NEAR[0]], False),
+        ([(0.3, 0.0, 0.0), (0.6, 0.0, 0.0), (0.9, 0.0, 0.0)], False),  # It drifts.
+        ([(0.3, 0.0, 0.0), (0.6, 0.0, 0.0), (0.0, 0.0, 0.0)], False),  # It jumps to the truth.
+        ([(0.3, 0.0, 0.0), (0.6, 0.0, 0.0), (0.0, 0.6, 0.0)], True),
+    ],
+    ids=str,
+)
+def test_an_alarm_is_false_where_the_estimate_jumped_off_the_truth(path, alarm):
+    still = {"odometry": {}, "actuation": {}}
+    config = EpisodeConfig.build({"task": {"kind": "kidnapped", "kidnap": "never"}, "map": HALL,
+                                  "belief": "particles", "motion": still})  # fmt: skip
+    episodes = Episodes(config, 1)
+    episodes.belief = Scripted(episodes, [SURE])
+    episodes.reset(0, np.random.default_rng(0))
+    play(episodes, 3)
+    for offset in path:
+        episodes.belief.offset = np.asarray(offset)
+        play(episodes, 1)
+    assert episodes.info(0)["false_alarm"] == alarm
+    episodes.belief.offset = np.zeros(3)
+    play(episodes, 1)
+    assert episodes.info(0)["false_alarm"] == alarm
+    assert episodes.info(0)["is_success"] == (not alarm)
+
+
+def test_who_was_wrong_all_along_gave_no_alarm():
+    episodes = scripted([SURE], FAR[-1], kind="kidnapped", kidnap="never")
+    play(episodes, 4)
+    episodes.belief.offset = np.array([-2.0, 0.0, 0.0])
+    play(episodes, 2)
+    assert not episodes.info(0)["false_alarm"]
+    assert episodes.info(0)["wrong"]
+
+
+def test_letting_go_after_the_kidnapping_is_no_false_alarm():
+    task = {"kind": "kidnapped", "kidnap_first": 5, "kidnap_last": 5}
+    episodes = scripted([SURE] * 5 + [LOST] * 9, **task)
+    play(episodes, 9)
+    assert episodes.info(0)["noticed"]
+    assert not episodes.info(0)["false_alarm"]
+
+
+@pytest.mark.parametrize("kidnap", ["never", "rate"])
+def test_who_is_not_carried_off_is_judged_at_the_limit(kidnap):
+    task = {"kind": "kidnapped", "kidnap": kidnap, "kidnap_rate": 1e-9}
+    episodes = scripted([SURE] * 3 + [DOUBT] + [SURE], **task)
+    assert play(episodes, 20) is None
+    assert episodes.info(0)["is_success"]
+    lost = scripted([SURE] * 5 + [LOST] + [SURE] * 20, **task)
+    assert play(lost, 20) is None
+    assert not lost.info(0)["is_success"]
+    assert not lost.info(0)["wrong"]
+
+
+@pytest.mark.parametrize("kind", ["global", "tracking"])
+def test_no_other_task_speaks_of_kidnapping(kind):
+    episodes = scripted([SURE] * 2 + [LOST] * 9, kind=kind, kidnap_first=1, kidnap_last=1, hold=2)
+    play(episodes, 5)
+    info = episodes.info(0)
+    told = [info[name] for name in ("kidnapped", "noticed", "false_alarm")]
+    assert told == [False, False, False]
+    assert info["notice_steps"] == info["recover_steps"] == -1
+
+
+@pytest.mark.parametrize("belief", BELIEFS)
+def test_a_robot_left_alone_has_the_kidnapped_one_s_filter(belief):
+    env = hall_env(KIDNAPPED, belief, task={"kind": "kidnapped", "kidnap": "never"})
+    env.reset(seed=0)
+    assert env.knowledge.belief.config.leak == 1e-3
+
+
+@pytest.mark.parametrize("u", [(0.4, 0.5, -0.2), (-3.0, 0.0, 0.0), (0.0, -0.7, 3.0)])
+def test_dead_reckoning_is_what_a_robot_in_the_open_does(u):
+    terrain = scripted([0.5]).simulator.terrain(0)
+    pose = np.array([[6.0, -1.9, 2.9]])
+    np.testing.assert_allclose(carried(pose[0], np.array(u)), move(terrain, pose, u)[0][0])
 
 
 # --- the reward
