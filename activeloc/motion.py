@@ -30,6 +30,9 @@ MARGIN = 1e-6
 
 # A blunder of the odometry strays from the command's heading by up to this [rad].
 BLUNDER_ANGLE = float(np.deg2rad(30.0))
+# What filters make of a blunder: off by up to this [rad], and by up to this, stuck or not [m].
+SLIP_ANGLE = float(np.deg2rad(45.0))
+SLIP_TRAVEL = 0.5
 
 
 def wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -220,6 +223,22 @@ def move(
     reached = np.column_stack([grid.to_metres(out[:, :2]), wrap(out[:, 2])])
     carried_out = np.column_stack([motions[:, 0], travelled * grid.resolution, motions[:, 2]])
     return reached, carried_out
+
+
+def slipped(u: NDArray[np.float64], uniforms: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Motions that a badly wrong odometry reading may stand for: ``(N, 3)``.
+
+    The filters' answer to :meth:`MotionModel.misread`, and as rough as what it answers: the first
+    rotation within 45 degrees of the one read, the travel anywhere from nothing to twice the one
+    read or half a metre, the longer of the two; nothing if none was read.
+
+    Args:
+        u: ``(3,)`` odometry reading.
+        uniforms: ``(N, 2)`` in [0, 1).
+    """
+    turns = (2.0 * uniforms[:, 0] - 1.0) * SLIP_ANGLE
+    farthest = np.sign(u[1]) * max(2.0 * abs(u[1]), SLIP_TRAVEL)
+    return np.column_stack([u[0] + turns, uniforms[:, 1] * farthest, np.full_like(turns, u[2])])
 
 
 @dataclass(frozen=True, slots=True)

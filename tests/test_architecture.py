@@ -14,10 +14,11 @@ ROOT = PACKAGE.parent
 # From the ground: a module imports from its own floor and from those below it, never from above.
 FLOORS = (
     ("errors", "checks", "files", "configuration"),
-    ("grid", "raycast"),
+    ("grid", "raycast", "range_table"),
     ("maps", "motion", "sensors", "logs", "plots"),
     ("beliefs",),
-    ("simulator",),
+    ("simulator", "replay"),
+    ("calibration",),
     ("envs",),
     ("agents",),
     ("cli",),

@@ -154,6 +154,7 @@ BAD = [
     (ParticleConfig, "leak", -0.1),
     (ParticleConfig, "novelty", nan),
     (ParticleConfig, "n_start", 0),
+    (ParticleConfig, "slip", 1.5),
     (ParticleConfig, "allocation", 0.0),
     (ParticleConfig, "allocation", 1.1),
     (ParticleConfig, "recovery", "sometimes"),

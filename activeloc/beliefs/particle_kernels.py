@@ -15,8 +15,9 @@ from activeloc.raycast import cast_ray
 
 # A ray stops this far before the square that it touches [cell], and so never ends on its edge.
 MARGIN = 1e-6
-# From a point of a cell to its centre, and from a blocked cell's centre to its corner [cell].
-SLACK = float(np.sqrt(2.0)) + 1e-6
+# From a point of a cell to its centre, and from a blocked cell's centre to its corner [cell]; the
+# float32 of ``room`` is off by up to a thousandth.
+SLACK = float(np.sqrt(2.0)) + 1e-3
 
 
 @njit(cache=True, nogil=True)
@@ -54,7 +55,8 @@ def spread(
     """
     n = out.shape[0]
     for i in range(n):
-        c = int((i + uniforms[i, 0]) * cells.shape[0] / n)
+        # The sum may be rounded up to the next stratum, past the last one.
+        c = min(int((i + uniforms[i, 0]) * cells.shape[0] / n), cells.shape[0] - 1)
         out[i, 0] = frame[0] + (cells[c, 1] + uniforms[i, 1]) * frame[2]
         out[i, 1] = frame[1] + (cells[c, 0] + uniforms[i, 2]) * frame[2]
         turns = start + i * 0.6180339887498949

@@ -31,7 +31,7 @@ from activeloc.beliefs.settings import ParticleConfig
 from activeloc.beliefs.view import view_frame
 from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
-from activeloc.motion import MotionModel, Terrain, wrap
+from activeloc.motion import MotionModel, Terrain, move, slipped, wrap
 from activeloc.range_table import level_ranges, levels_of, range_table
 from activeloc.sensors import RangeSensor, ReadingBins
 from activeloc.sensors.readings import ExpectedRangeSensor, check_scan, rays_of, widened
@@ -96,10 +96,17 @@ class ParticleBelief:
             grid: Its map.
             rng: Source of the filter's noise from here on.
             poses: ``(N, 3)``; spread evenly over the open ground if None.
+
+        Raises:
+            ConfigError: If the poses are not N >= 1 rows of three finite numbers.
         """
         ground = self._ground(grid)
         if poses is None:
             poses = spread_poses(ground.terrain, self.config.n_start, rng)
+        poses = np.array(poses, dtype=np.float64)
+        if poses.ndim != 2 or poses.shape[1] != 3 or not poses.size or not np.isfinite(poses).all():
+            raise ConfigError(f"poses must be (N, 3) finite numbers, N >= 1; got {poses.shape}")
+        kernels.turn(poses, 0.0, 0.0, np.zeros(len(poses), dtype=np.float32))  # Into [-pi, pi).
         table = None
         thin = isinstance(self.sensor, ExpectedRangeSensor) and len(self.sensor.cone) == 1
         if thin and self.config.directions:
@@ -108,7 +115,7 @@ class ParticleBelief:
         self._clouds[robot] = Cloud(
             ground,
             table,
-            np.array(poses, dtype=np.float64),
+            poses,
             np.full(len(poses), -np.log(len(poses))),
             place,
             rng,
@@ -193,6 +200,8 @@ class ParticleBelief:
         sigma = self.motion.odometry.sigma(u)
         n = len(cloud.poses)
         cloud.masses = None
+        slipping = cloud.rng.integers(0, n, int(self.config.slip * n + cloud.rng.random()))
+        before = cloud.poses[slipping]
         if u[1] == 0.0 and sigma[1] == 0.0:
             spread = float(np.hypot(sigma[0], sigma[2]))
             kernels.turn(cloud.poses, float(u[0] + u[2]), spread, normals(cloud.rng, n))
@@ -200,6 +209,9 @@ class ParticleBelief:
             if u[0] != 0.0 or sigma[0] > 0.0:
                 kernels.turn(cloud.poses, float(u[0]), float(sigma[0]), normals(cloud.rng, n))
             self._drive(cloud, u, sigma)
+        if len(slipping):
+            motions = slipped(u, cloud.rng.random((len(slipping), 2)))
+            cloud.poses[slipping] = move(cloud.ground.terrain, before, motions)[0]
         cloud.place.move(u)
         if touched and cloud.place.refuse() and self.config.contact_floor < 1.0:
             ground = cloud.ground
@@ -255,7 +267,9 @@ class ParticleBelief:
         cloud.place.read(self.sensor.bearings[valid])
         if local > -inf:
             cloud.log_w, cloud.weights, cloud.masses = log_w, None, None
-        share = cloud.means.add(float(np.exp(local)))
+        # Scans of which more readings count are less likely, whatever the belief.
+        counted = float(weights.sum())
+        share = cloud.means.add(float(np.exp(local / counted))) if counted > 0.0 else 0.0
         if self.config.recovery == "augmented" and share > 0.0:
             self._inject(cloud, share, readings, weights)
         elif cloud.background > self.config.widen or local == -inf:
@@ -305,7 +319,8 @@ class ParticleBelief:
         cloud.background = background_after(cloud.background, leak, anywhere, local)
         if anywhere == -inf:
             return local
-        return float(np.logaddexp(np.log(w) + anywhere, np.log1p(-w) + local))
+        kept = np.log1p(-w) + local if w < 1.0 else -inf
+        return float(np.logaddexp(np.log(w) + anywhere, kept))
 
     def _widen(
         self, cloud: Cloud, readings: NDArray[np.int32], weights: NDArray[np.float64]
@@ -314,6 +329,8 @@ class ParticleBelief:
         poses = spread_poses(cloud.ground.terrain, self.config.n_start, cloud.rng)
         log_p = np.zeros(len(poses))
         self._weigh(cloud, poses, readings, weights, log_p)
+        if log_p.max() == -inf:  # Too few to find a pose that explains the scan.
+            return
         anywhere = np.exp(log_p - log_p.max())
         w = np.concatenate([
             (1.0 - cloud.background) * cloud.normalised(),
@@ -342,6 +359,8 @@ class ParticleBelief:
             candidates = spread_poses(cloud.ground.terrain, max(20 * n, 1000), cloud.rng)
             log_p = np.zeros(len(candidates))
             self._weigh(cloud, candidates, readings, weights, log_p)
+            if log_p.max() == -inf:  # Too few to find a pose that explains the scan.
+                return
             p = np.exp(log_p - log_p.max())
             drawn = candidates[SCHEMES["systematic"](p, n, cloud.rng.random(1))]
         else:

@@ -10,7 +10,8 @@ background is drawn as particles (or cells) weighed by the scan, and w begins ag
 *Augmented MCL.* The heuristic of *Probabilistic Robotics* (2005), table 8.3: a slow and a fast
 running mean of the scans' likelihood; where the fast one falls below the slow, as large a share of
 the particles as it has fallen is drawn anew, from the open ground or from the scan's own likelihood
-(sensor resetting, Lenser and Veloso, ICRA 2000).
+(sensor resetting, Lenser and Veloso, ICRA 2000). The likelihood is the geometric mean over the
+readings that count: a scan of one reading is a likelier scan than one of ten, and says nothing.
 """
 
 from __future__ import annotations
@@ -35,10 +36,10 @@ def background_after(w: float, leak: float, log_uniform: float, log_local: float
     w = w + leak * (1.0 - w)
     if w == 0.0 or log_uniform == -np.inf:
         return 0.0 if log_local > -np.inf else w
-    if log_local == -np.inf:
+    if log_local == -np.inf or w == 1.0:
         return 1.0
-    odds = (1.0 - w) / w * np.exp(np.clip(log_local - log_uniform, -700.0, 700.0))
-    return float(1.0 / (1.0 + odds))
+    log_odds = np.log1p(-w) - np.log(w) + (log_local - log_uniform)
+    return float(1.0 / (1.0 + np.exp(np.clip(log_odds, -700.0, 700.0))))
 
 
 @dataclass(slots=True)

@@ -3,7 +3,9 @@
 Two answers. *Entropy*: so many per effective state, ``N = per_state exp(H)``, with H on the common
 bins: a belief twice as wide gets twice the particles. *KLD*: enough that with probability
 ``confidence`` the Kullback-Leibler divergence between the sample and the belief that it is drawn
-from stays under ``error``, which grows with the number of bins that the sample falls into.
+from stays under ``error``, which grows with the number of bins that the sample falls into. Bins
+that nothing has been drawn from are not counted, so a thin tail over many bins can break the
+promise; ``n_min`` is there to cover it.
 
 Fox, "Adapting the sample size in particle filters through KLD-sampling" (IJRR 22, 2003);
 *Probabilistic Robotics* (2005), section 8.3.7 and table 8.4.
@@ -21,9 +23,9 @@ from activeloc import checks
 
 @njit(cache=True, nogil=True)
 def wilson_hilferty(k: int, z: float, error: float) -> float:
-    """``chi2_(k-1, confidence) / (2 error)`` approximately, for k >= 2; z is the normal quantile.
+    """``chi2_(k-1, confidence) / (2 error)`` approximately; z is the normal quantile.
 
-    Wilson and Hilferty's cube: equation (7) of the paper.
+    Wilson and Hilferty's cube: equation (7) of the paper. One bin counts as two.
     """
     df = max(k, 2) - 1.0
     part = 2.0 / (9.0 * df)
@@ -95,6 +97,5 @@ def draw_until(
         if not seen[bins[index]]:
             seen[bins[index]] = True
             k += 1
-            if k > 1:
-                wanted = max(wanted, wilson_hilferty(k, z, error))
+            wanted = max(wanted, wilson_hilferty(k, z, error))
     return pointers.shape[0]

@@ -54,8 +54,8 @@ class HistogramConfig:
     place_size: float = 0.25
     contact_floor: float = 0.02
     odometry_floor: float = 0.05
-    leak: float = 0.0
-    widen: float = 0.2
+    leak: float = 1e-4
+    widen: float = 0.005
     novelty: float = 0.0
     least: float = 1e-10
     precision: str = "float32"
@@ -78,7 +78,7 @@ class ParticleConfig:
     Attributes:
         n_min: Fewest particles.
         n_max: Most particles, once the first scan has been read.
-        n_start: Particles over a whole map, before any scan; at least ``n_max`` counts.
+        n_start: Particles that are spread over a whole map before a scan is read.
         per_state: Particles per effective state: N = ``per_state`` exp(H), within the two limits.
         allocation: A bin of mass m gets particles in proportion to m to this power, in (0, 1].
         ess_ratio: Resample when the effective sample size falls under this share of N.
@@ -95,6 +95,9 @@ class ParticleConfig:
         contact_reach: An obstacle nearer than this explains a contact [m].
         odometry_floor: Weight of a particle that an obstacle on the map stopped short of what the
             odometry read.
+        slip: Probability that an odometry reading is badly wrong
+            (:func:`activeloc.motion.slipped`): as large a share of the particles does not take it
+            at its word.
         leak: Probability per step that the robot is carried anywhere, or was lost.
         recovery: ``background``, ``augmented`` (running means of the likelihood) or ``none``; see
             :mod:`activeloc.beliefs.recovery`.
@@ -117,7 +120,7 @@ class ParticleConfig:
             above ``alpha_fast``.
     """
 
-    n_min: int = 5_000
+    n_min: int = 6_000
     n_max: int = 50_000
     n_start: int = 200_000
     per_state: float = 20.0
@@ -125,7 +128,7 @@ class ParticleConfig:
     ess_ratio: float = 0.5
     resampling: str = "systematic"
     sigma_factor: float = 2.0
-    likelihood_power: float = 0.7
+    likelihood_power: float = 0.6
     roughening_xy: float = 0.06
     roughening_theta: float = float(np.deg2rad(3.0))
     reading_bin: float = 0.1
@@ -135,7 +138,8 @@ class ParticleConfig:
     contact_floor: float = 0.02
     contact_reach: float = 0.2
     odometry_floor: float = 0.05
-    leak: float = 3e-4
+    slip: float = 0.05
+    leak: float = 1e-3
     recovery: str = "background"
     widen: float = 0.5
     alpha_slow: float = 0.001
@@ -164,6 +168,7 @@ class ParticleConfig:
         checks.number("belief.roughening_xy", self.roughening_xy, 0.0, 10.0)
         checks.number("belief.roughening_theta", self.roughening_theta, 0.0, np.pi)
         checks.number("belief.contact_reach", self.contact_reach, 0.0, 1e3)
+        checks.number("belief.slip", self.slip, 0.0, 1.0)
         checks.choice("belief.recovery", self.recovery, ("background", "augmented", "none"))
         checks.choice("belief.injection", self.injection, ("scan", "free"))
         checks.choice("belief.sizing", self.sizing, ("entropy", "kld"))

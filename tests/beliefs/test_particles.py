@@ -24,6 +24,7 @@ OFF = {
     "contact_floor": 1.0,
     "odometry_floor": 1.0,
     "leak": 0.0,
+    "slip": 0.0,
     "directions": 0,
     "allocation": 1.0,
 }
@@ -97,7 +98,8 @@ def total_variation(p, q):
 def test_many_particles_agree_with_importance_sampling(resampling, reference):
     masses, evidence = posterior(cloud(100_000, ess_ratio=1.0, resampling=resampling))
     assert total_variation(masses, reference[0]) < 0.02
-    assert evidence == pytest.approx(reference[1], abs=0.02)
+    # The log-evidence of one run of 100,000 particles strays by 0.012 (standard deviation).
+    assert evidence == pytest.approx(reference[1], abs=0.04)
 
 
 @pytest.mark.parametrize("ess_ratio", [1.0])
@@ -306,6 +308,36 @@ def test_malformed_scans_change_nothing():
             belief.correct(0, scan)
     for array, copy in zip(belief.particles(0), before, strict=True):
         np.testing.assert_array_equal(array, copy)
+
+
+def test_headings_given_in_any_turn_are_the_same_headings():
+    belief, twin = cloud(400, directions=64), cloud(400, directions=64)
+    poses, _ = belief.particles(0)
+    turned = poses + np.outer(np.arange(400) % 7 - 3, [0.0, 0.0, 2 * pi])
+    before = turned.copy()
+    twin.reset(0, hall(), np.random.default_rng(0), turned)
+    np.testing.assert_array_equal(turned, before)
+    np.testing.assert_allclose(twin.particles(0)[0], poses, atol=1e-14)
+    belief.reset(0, hall(), np.random.default_rng(0), poses)
+    np.testing.assert_array_equal(belief.particles(0)[0], poses)
+    scan = np.array([0.5, 1.5, 0.7])
+    assert twin.correct(0, scan) == pytest.approx(belief.correct(0, scan), abs=1e-9)
+    assert twin.summarise(0).entropy == pytest.approx(belief.summarise(0).entropy, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "poses",
+    [
+        np.zeros((0, 3)),
+        np.zeros((5, 2)),
+        np.zeros(3),
+        np.array([[1.0, 0.0, np.nan]]),
+        np.array([[np.inf, 0.0, 0.0]]),
+    ],
+)
+def test_poses_that_are_none_are_refused(poses):
+    with pytest.raises(ConfigError, match=r"poses must be \(N, 3\) finite numbers"):
+        cloud(10).reset(0, hall(), np.random.default_rng(0), poses)
 
 
 def test_a_robot_without_a_belief_is_refused():
