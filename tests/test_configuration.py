@@ -133,6 +133,8 @@ BAD = [
     (HistogramConfig, "novelty", 1.5),
     (HistogramConfig, "least", 0.5),
     (HistogramConfig, "precision", "float16"),
+    (HistogramConfig, "slip", -0.1),
+    (HistogramConfig, "widen", 0.0),
     (ParticleConfig, "n_min", 0),
     (ParticleConfig, "n_max", 10**9),
     (ParticleConfig, "n_max", 1.5),

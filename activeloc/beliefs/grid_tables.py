@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeloc.beliefs import histogram_kernels as kernels
+from activeloc.beliefs.background import Background
 from activeloc.beliefs.common_bins import CommonBins, entropy
 from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.beliefs.reading_table import build_reading_table
+from activeloc.beliefs.scan_likelihood import PoweredTable
 from activeloc.beliefs.settings import HistogramConfig
 from activeloc.beliefs.travel_table import TravelTable
 from activeloc.grid import OccupancyGrid
@@ -38,7 +40,9 @@ class GridTables:
         self.terrain = Terrain(grid, motion.radius)
         self.poses = PoseGrid(self.terrain, config.cell_size, config.headings)
         self.readings = build_reading_table(self.poses, sensor, config.reading_bin)
+        self.powered = PoweredTable(self.readings, config.likelihood_power, config.precision)
         self.travel = TravelTable(self.poses, motion.odometry)
+        self.background = Background(self.poses, self.readings, self.travel.p_contact)
         self.bins = CommonBins(grid)
         self.places = self.bins.places_of(self.poses)
         self.bin_headings = self.bins.headings_of(self.poses)
@@ -47,7 +51,41 @@ class GridTables:
             config.headings,
             axis=1,
         )
-        self.uniform_entropy = entropy(self.masses(self.uniform, np.arange(len(self.poses.cells))))
+        self.uniform_masses = self.masses(self.uniform, np.arange(len(self.poses.cells)))
+        self.uniform_entropy = entropy(self.uniform_masses)
+
+    def carry(
+        self,
+        bel: NDArray[np.floating],
+        live: NDArray[np.int32],
+        out: NDArray[np.floating],
+        out_live: NDArray[np.int32],
+        level: int,
+        hops: int,
+        floor: float,
+    ) -> int:
+        """Travel ``level`` half cells, back if negative; see :func:`kernels.translate`.
+
+        Args:
+            bel: ``(C, K)``, overwritten with zeros.
+            live: ``(n,)`` of cells.
+            out: ``(C, K)``, zeros, overwritten.
+            out_live: ``(C,)``, overwritten with the cells that mass has come to.
+            level: Length of the travel,
+            hops: one of as many equal parts.
+            floor: Weight of ways that an obstacle cuts short, in [0, 1].
+
+        Returns:
+            How many cells that is.
+        """
+        travel, poses = self.travel.level(abs(level), hops), self.poses
+        n: int = kernels.translate(
+            bel, live, out, out_live,
+            0 if level > 0 else poses.headings // 2, poses.cells, poses.index,
+            travel.stencil_start, travel.stencil_step, travel.stencil_weight,
+            travel.row_start, travel.target, travel.weight, floor,
+        )  # fmt: skip
+        return n
 
     def masses(self, bel: NDArray[np.floating], live: NDArray[np.integer]) -> NDArray[np.float64]:
         """The belief on the common bins: ``(places, headings)``."""
@@ -56,9 +94,25 @@ class GridTables:
         return out
 
 
-@lru_cache(maxsize=16)
 def tables_of(
     grid: OccupancyGrid, config: HistogramConfig, sensor: RangeSensor, motion: MotionModel
 ) -> GridTables:
-    """The tables of a map, kept for the 16 maps used last."""
+    """The tables of a map, kept for the 16 maps used last.
+
+    Filters whose settings differ only in what is no matter of tables share them.
+    """
+    matters = HistogramConfig(
+        cell_size=config.cell_size,
+        headings=config.headings,
+        reading_bin=config.reading_bin,
+        likelihood_power=config.likelihood_power,
+        precision=config.precision,
+    )
+    return _tables_of(grid, matters, sensor, motion)
+
+
+@lru_cache(maxsize=16)
+def _tables_of(
+    grid: OccupancyGrid, config: HistogramConfig, sensor: RangeSensor, motion: MotionModel
+) -> GridTables:
     return GridTables(grid, config, sensor, motion)

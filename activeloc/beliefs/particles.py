@@ -201,7 +201,7 @@ class ParticleBelief:
         n = len(cloud.poses)
         cloud.masses = None
         slipping = cloud.rng.integers(0, n, int(self.config.slip * n + cloud.rng.random()))
-        before = cloud.poses[slipping]
+        before, weighed = cloud.poses[slipping], cloud.log_w[slipping]
         if u[1] == 0.0 and sigma[1] == 0.0:
             spread = float(np.hypot(sigma[0], sigma[2]))
             kernels.turn(cloud.poses, float(u[0] + u[2]), spread, normals(cloud.rng, n))
@@ -212,6 +212,7 @@ class ParticleBelief:
         if len(slipping):
             motions = slipped(u, cloud.rng.random((len(slipping), 2)))
             cloud.poses[slipping] = move(cloud.ground.terrain, before, motions)[0]
+            cloud.log_w[slipping] = weighed  # They drove another way than the one cut short.
         cloud.place.move(u)
         if touched and cloud.place.refuse() and self.config.contact_floor < 1.0:
             ground = cloud.ground

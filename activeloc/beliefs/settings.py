@@ -31,6 +31,8 @@ class HistogramConfig:
             contacts.
         odometry_floor: Weight of ways that an obstacle on the map would have cut short, against
             the odometry's reading; 1 ignores that evidence.
+        slip: Probability that an odometry reading is badly wrong
+            (:func:`activeloc.motion.slipped`), reckoned with once the belief is local.
         leak: Probability per step that the robot is carried anywhere (kidnapping).
         widen: Probability of being elsewhere above which the belief is laid out over the whole map
             again; see :mod:`activeloc.beliefs.background`.
@@ -54,6 +56,7 @@ class HistogramConfig:
     place_size: float = 0.25
     contact_floor: float = 0.02
     odometry_floor: float = 0.05
+    slip: float = 0.05
     leak: float = 1e-4
     widen: float = 0.005
     novelty: float = 0.0
@@ -67,6 +70,7 @@ class HistogramConfig:
             raise ConfigError(f"belief.headings must be even; got {self.headings}")
         _check_common(self)
         checks.number("belief.widen", self.widen, 0.0, 1.0, above_low=True)
+        checks.number("belief.slip", self.slip, 0.0, 1.0)
         checks.number("belief.least", self.least, 0.0, 1e-3)
         checks.choice("belief.precision", self.precision, ("float32", "float64"))
 

@@ -30,6 +30,7 @@ OFF = {
     "likelihood_power": 1.0,
     "sigma_factor": 1.0,
     "leak": 0.0,
+    "slip": 0.0,
 }
 NOISE = MotionNoise(0.13, 0.05, 0.05)
 TINY = "....#\n..#..\n.....\n"

@@ -1,0 +1,152 @@
+"""The chance that the robot is somewhere else: a uniform background behind a local belief.
+
+A filter that updates only the cells where its belief lives cannot see mass appear elsewhere. So the
+belief is kept as ``(1 - w) local + w uniform``: ``local`` is the listed cells; w, one number, is
+the probability that the robot has been carried off. At each step w takes its share of the leak;
+every piece of evidence multiplies its odds by how well the uniform explains it over how well the
+local part does. That ratio is what a selective update must watch to notice that it is lost (Burgard
+& Stachniss, "Bayes filter: discrete filters"; Thrun, Burgard & Fox, *Probabilistic Robotics*
+(2005), section 8.3.5, do so with particles).
+
+What is approximated: the mass that leaked in at earlier steps counts as uniform again at every
+step, though the scans since have given it a shape, and a scan's average likelihood under the
+uniform comes from a fixed sample of states. Scans from one place support each other, so w is too
+small for a robot that is lost. Therefore it is kept small: once it passes ``belief.widen``, the
+background of the last steps is gone through again over all cells (:mod:`activeloc.beliefs.past`),
+and from then on it is an ordinary belief that keeps its shape. States that hold less than the leak
+brings in a step are put back into w.
+"""
+
+from __future__ import annotations
+
+from math import exp, inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activeloc.beliefs import histogram_kernels as kernels
+from activeloc.beliefs.pose_grid import PoseGrid
+from activeloc.beliefs.reading_table import ReadingTable
+from activeloc.beliefs.scan_likelihood import ScanLikelihood
+from activeloc.beliefs.travel_table import TravelTable
+from activeloc.beliefs.view import view_shares
+
+SAMPLES = 4096  # States that stand for the uniform when a scan is weighed.
+_GOLDEN = 0.5 * (5.0**0.5 - 1.0)
+
+Shares = tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.int32], NDArray[np.float32]]
+
+
+def elsewhere_after(w: float, log_elsewhere: float, log_local: float) -> float:
+    """Probability of being elsewhere after evidence.
+
+    Args:
+        w: Before, in [0, 1].
+        log_elsewhere: Logarithm of the evidence's probability under the uniform.
+        log_local: And where the belief lives. Both -inf leaves w as it is.
+    """
+    if w in (0.0, 1.0) or log_elsewhere == log_local:
+        return w
+    if log_local == -inf:
+        return 1.0
+    # Beyond exp(700) the answer is 0 to the last bit.
+    return w / (w + (1.0 - w) * exp(min(log_local - log_elsewhere, 700.0)))
+
+
+class Background:
+    """What the uniform belief over a map's open ground expects.
+
+    Args:
+        poses: The states.
+        readings: How probable each reading is in them.
+        p_contact: ``(C, K)``; how probable a contact is in them.
+    """
+
+    def __init__(
+        self, poses: PoseGrid, readings: ReadingTable, p_contact: NDArray[np.float32]
+    ) -> None:
+        self.poses = poses
+        self.share = poses.area / poses.area.sum()
+        """``(C,)``; share of the open ground in each cell."""
+        self._cumulative = self.share.cumsum()
+        self._p_contact = float(self.share @ p_contact.mean(axis=1, dtype=np.float64))
+        self._rows = self._sample_rows(readings)
+        self._travels: dict[tuple[int, int, float], float] = {}
+        self._views: dict[tuple[int, int, int], NDArray[np.float64]] = {}
+
+    def _sample_rows(self, readings: ReadingTable) -> NDArray[np.int32]:
+        """``(SAMPLES, B)`` of rows: cells evenly over the area, headings by the golden ratio."""
+        i = np.arange(SAMPLES)
+        cell = self.cells_at((i + 0.5) / SAMPLES)
+        heading = (i * _GOLDEN % 1.0 * self.poses.headings).astype(np.intp)
+        direction = heading[:, None] * readings.per_heading + readings.offsets
+        return readings.row[cell[:, None], direction % readings.row.shape[1]]
+
+    def cells_at(self, pointers: NDArray[np.float64]) -> NDArray[np.int32]:
+        """Cells at shares ``(N,)`` in [0, 1) of the open ground, counted cell by cell."""
+        rank = np.searchsorted(self._cumulative, pointers * self._cumulative[-1], side="right")
+        return rank.clip(max=len(self.share) - 1).astype(np.int32)
+
+    def log_evidence(self, scan: ScanLikelihood) -> float:
+        """Logarithm of a scan's average likelihood; -inf if no sampled state explains it."""
+        return scan.log_mean(self._rows)
+
+    def contact(self, floor: float) -> float:
+        """Probability of a contact that is felt with probability ``floor`` without an obstacle."""
+        return floor + (1.0 - floor) * self._p_contact
+
+    def travel(self, travels: TravelTable, level: int, hops: int, floor: float) -> float:
+        """Probability that the odometry reads a travel, ways cut short counting ``floor``.
+
+        Args:
+            travels: The transitions of the map.
+            level: Length, and
+            hops: number of parts; see :meth:`TravelTable.level`.
+            floor: Weight of ways that an obstacle would have cut short.
+        """
+        key = (level, hops, floor)
+        if key not in self._travels:
+            travel = travels.level(level, hops)
+            weight = travel.weight[0].astype(np.float64) + floor * travel.weight[1]
+            upto = np.concatenate([[0.0], weight.cumsum()])[travel.row_start]
+            # A state without a row is open ground, whose stencil sums to one.
+            kept = np.where(np.diff(travel.row_start) > 0, np.diff(upto), 1.0)
+            by_cell = kept.reshape(-1, self.poses.headings).mean(axis=1)
+            self._travels[key] = float(self.share @ by_cell)
+        return self._travels[key]
+
+    def masses(self, shares: Shares, shape: tuple[int, int]) -> NDArray[np.float64]:
+        """The uniform in coarser bins ``(places, headings)``.
+
+        Args:
+            shares: Place, its share, heading bin, its share, as :func:`kernels.bin_masses`.
+            shape: Of the result.
+        """
+        place, place_share, heading, heading_share = shares
+        by_place = np.bincount(
+            place.ravel(), (self.share[:, None] * place_share).ravel(), minlength=shape[0]
+        )
+        by_heading = np.bincount(heading.ravel(), heading_share.ravel(), minlength=shape[1])
+        return np.outer(by_place, by_heading / self.poses.headings)
+
+    def view(self, headings: int, rows: int, cols: int) -> NDArray[np.float64]:
+        """The uniform on a view, ``(rows * cols, headings)``."""
+        key = (headings, rows, cols)
+        if key not in self._views:
+            shares = view_shares(self.poses, headings, rows, cols)
+            self._views[key] = self.masses(shares, (rows * cols, headings))
+        return self._views[key]
+
+    def mass_near(self, pose: NDArray[np.float64], radius: float, angle: float) -> float:
+        """The uniform's mass within ``radius`` [m] and ``angle`` [rad] of a pose ``(3,)``.
+
+        Cells and heading bins count by their centres, as in :func:`kernels.local_moments`.
+        """
+        poses, origin = self.poses, self.poses.terrain.grid.origin
+        share = kernels.area_near(
+            self.share, poses.index, poses.centres, pose, radius,
+            (pose[1] - origin[1]) / poses.cell_size, (pose[0] - origin[0]) / poses.cell_size,
+            radius / poses.cell_size + 1.0,
+        )  # fmt: skip
+        turn = (poses.thetas - pose[2] + np.pi) % (2.0 * np.pi) - np.pi
+        return float(share * np.count_nonzero(np.abs(turn) <= angle) / poses.headings)

@@ -1,0 +1,114 @@
+"""A scan, made ready to weigh many states: p(z | x) as look-ups and multiplications.
+
+Beams that count alike share one table of likelihoods raised to the filter's power, made once per
+map; then a state costs a look-up and a multiplication a beam, and no exponential. Where that could
+leave the range of a float32 (many beams, impossible readings) or the beams count differently,
+log-likelihoods are added up instead and the largest is taken out before the exponential.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, log
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activeloc.beliefs import histogram_kernels as kernels
+from activeloc.beliefs.reading_table import ReadingTable
+
+SPAN = 60.0  # Greatest log-range of a product: exp(-60) times the least state is a float32 still.
+
+
+class PoweredTable:
+    """P(z | row) to a power.
+
+    Args:
+        table: Of the sensor.
+        power: Exponent on each reading's likelihood.
+        precision: ``float32`` or ``float64``.
+    """
+
+    def __init__(self, table: ReadingTable, power: float, precision: str) -> None:
+        self.power = power
+        self.p = np.exp(power * table.log_p.astype(np.float64)).astype(precision)
+        """``(Z, R)``."""
+        self.low, self.high = power * table.log_p.min(axis=1), power * table.log_p.max(axis=1)
+        """``(Z,)`` each; logarithms of the least and the largest likelihood of a reading."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScanLikelihood:
+    """p(z | x) of one scan.
+
+    Attributes:
+        table: Of the sensor.
+        powered: The same to the filter's power.
+        beams: ``(A,)``; the beams that count,
+        readings: ``(A,)``; their bins and
+        weights: ``(A,)``; how much each counts.
+        as_product: Whether likelihoods are multiplied.
+    """
+
+    table: ReadingTable
+    powered: PoweredTable
+    beams: NDArray[np.intp]
+    readings: NDArray[np.int32]
+    weights: NDArray[np.float64]
+    as_product: bool
+
+    @classmethod
+    def of(
+        cls,
+        table: ReadingTable,
+        powered: PoweredTable,
+        readings: NDArray[np.int32],
+        weights: NDArray[np.float64],
+    ) -> ScanLikelihood:
+        """From a scan's bins ``(B,)``, -1 for no reading, and how much each counts ``(B,)``."""
+        beams = np.flatnonzero((readings >= 0) & (weights > 0.0))
+        readings, weights = readings[beams], weights[beams]
+        alike = bool((weights == powered.power).all())
+        narrow = alike and float((powered.high[readings] - powered.low[readings]).sum()) <= SPAN
+        return cls(table, powered, beams, readings, weights, narrow)
+
+    @property
+    def _highest(self) -> float:
+        """Logarithm of the largest product there can be."""
+        return float(self.powered.high[self.readings].sum())
+
+    def weigh(self, bel: NDArray[np.floating], live: NDArray[np.int32]) -> tuple[float, float]:
+        """Multiply a belief by the likelihood, in place.
+
+        Args:
+            bel: ``(C, K)``, overwritten; not normalised. Kept if the scan is impossible.
+            live: ``(n,)`` of cells.
+
+        Returns:
+            Its sum, 0 if no state explains the scan, and what its logarithm lacks: the log-evidence
+            is ``log(sum) + shift``.
+        """
+        offsets = self.table.offsets[self.beams]
+        if self.as_product:
+            shift = self._highest
+            total = kernels.multiply(
+                bel, live, self.table.row, self.powered.p, self.readings, offsets,
+                self.table.per_heading, exp(-shift),
+            )  # fmt: skip
+            return float(total), shift
+        total, shift = kernels.correct(
+            bel, live, self.table.row, self.table.log_p, self.readings, offsets,
+            self.weights, self.table.per_heading, np.empty(bel.shape),
+        )  # fmt: skip
+        return float(total), float(shift)
+
+    def log_mean(self, rows: NDArray[np.int32]) -> float:
+        """Logarithm of the average likelihood over states given by all their rows ``(S, B)``."""
+        if self.as_product:
+            mean = kernels.mean_product(
+                rows, self.beams, self.powered.p, self.readings, exp(-self._highest)
+            )
+            return log(mean) + self._highest
+        return float(
+            kernels.log_mean(rows, self.beams, self.table.log_p, self.readings, self.weights)
+        )
