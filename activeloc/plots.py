@@ -285,6 +285,60 @@ def plot_errors(
     _save(figure, Path(path))
 
 
+def plot_egocentric(
+    free: NDArray[np.bool_],
+    places: NDArray[np.int64],
+    view: NDArray[Any],
+    path: str | Path,
+) -> None:
+    """Draw a maze with the robot's candidates, and what the egocentric view makes of them.
+
+    Args:
+        free: ``(m, m)``; rows grow upwards.
+        places: ``(n, 3)``; row, column and heading of each candidate, the true one first.
+        view: ``(5, 2 r + 1, 2 r + 1)``; see :mod:`activeloc.beliefs.egocentric`.
+        path: Of the PNG; what stands there is replaced.
+
+    Raises:
+        ConfigError: If an array has a wrong shape.
+    """
+    shapes = np.shape(free), np.shape(places), np.shape(view)
+    if len(shapes[0]) != 2 or shapes[1][1:] != (3,) or shapes[2][:1] != (5,) or len(shapes[2]) != 3:
+        raise ConfigError(
+            f"free must be (m, m), places (n, 3) and view (5, s, s); got {shapes[0]}, "
+            f"{shapes[1]} and {shapes[2]}"
+        )
+
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12.0, 4.6), layout="constrained")
+    halves: Any = figure.subfigures(1, 2, width_ratios=(1.0, 1.65))
+    left, right = halves
+    world = left.subplots()
+    world.imshow(free, cmap="gray", vmin=-0.6, vmax=1.0, origin="lower")
+    angle = 0.5 * np.pi * places[:, 2]
+    colours = [OKABE_ITO[1]] + [OKABE_ITO[0]] * (len(places) - 1)
+    world.quiver(
+        *(places[:, 1], places[:, 0], np.cos(angle), np.sin(angle)),
+        color=colours, scale=16.0, width=0.011, pivot="mid",
+    )  # fmt: skip
+    world.set_title(f"{len(places)} candidates, the true one orange")
+    radius = np.shape(view)[1] // 2
+    names = ["P(free)", *(f"news of a reading, turned {90 * q}\N{DEGREE SIGN}" for q in range(4))]
+    panels = right.subplots(2, 3).ravel()
+    for panel, name, plane in zip(panels, names, view, strict=False):
+        extent = (-radius - 0.5, radius + 0.5) * 2
+        image = panel.imshow(plane, vmin=0.0, vmax=1.0, origin="lower", extent=extent)
+        panel.plot(0, 0, marker="^", color="white", markeredgecolor="black", markersize=7)
+        panel.set_title(name, fontsize=9)
+    for panel in (world, *panels):
+        panel.set_xticks([])
+        panel.set_yticks([])
+    panels[5].set_axis_off()
+    right.colorbar(image, ax=list(panels), shrink=0.6)
+    _save(figure, Path(path))
+
+
 def _jumps(scans: NDArray[np.int64]) -> NDArray[np.intp]:
     """Where a run goes on at a scan that does not follow the one before."""
     return np.flatnonzero(np.diff(scans) > 1) + 1

@@ -10,7 +10,9 @@ import numpy as np
 
 from activeloc import checks
 from activeloc.agents.imagination import Imagined, Plan, expected_gain
+from activeloc.agents.maze_greedy import least_expected_entropy
 from activeloc.envs.episodes import Knowledge
+from activeloc.envs.maze_episodes import MazeKnowledge
 from activeloc.errors import ConfigError
 
 
@@ -23,6 +25,8 @@ class GreedyAgent:
     it makes a lost robot stand still, since any turn blurs the belief by more than one scan from
     a known place tells. The expectation is estimated from samples: its own standard error falls
     with the square roots of both numbers below.
+
+    In a maze nothing is sampled: :mod:`activeloc.agents.maze_greedy` sums over all readings.
 
     Attributes:
         samples: M, poses that stand for the belief.
@@ -64,8 +68,10 @@ class GreedyAgent:
             for command in knowledge.actions.commands
         ]
 
-    def act(self, observation: Mapping[str, Any], knowledge: Knowledge) -> int:
-        """The best action; the lowest-numbered one of equals."""
+    def act(self, observation: Mapping[str, Any], knowledge: Knowledge | MazeKnowledge) -> int:
+        """The best action; the lowest-numbered one of equals, in a maze forward first."""
+        if isinstance(knowledge, MazeKnowledge):
+            return int(least_expected_entropy(knowledge)[0])
         gains = self.expected_gains(knowledge)
         best = int(np.argmax(gains))
         self.plan = Plan(((knowledge.actions.commands[best], 1),), gains[best])

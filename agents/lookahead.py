@@ -21,7 +21,9 @@ from numpy.typing import NDArray
 
 from activeloc import checks
 from activeloc.agents.imagination import Imagined, Plan, law_of, sampled_entropy
+from activeloc.agents.maze_search import first_actions, plan_values
 from activeloc.envs.episodes import Knowledge
+from activeloc.envs.maze_episodes import MazeKnowledge
 from activeloc.errors import ConfigError
 
 CONTACT_FLOOR = 0.05  # How likely the odometry misses or invents an obstacle.
@@ -100,8 +102,10 @@ class LookaheadAgent:
     followed by the turn back: what it shows has been seen. A drive that the place has refused is
     not planned first.
 
+    In a maze nothing is sampled: :mod:`activeloc.agents.maze_search` follows every reading.
+
     Attributes:
-        steps: K.
+        steps: K; by default 3, and 7 in a maze without noise.
         samples: M, poses that stand for the belief.
         readings: J, draws of the readings along each plan.
         seconds: Time for a decision [s]: once it is over, plans are not made deeper; 0 for no
@@ -110,7 +114,7 @@ class LookaheadAgent:
             is expected to remove.
     """
 
-    steps: int = 3
+    steps: int | None = None
     samples: int = 400
     readings: int = 12
     seconds: float = 0.0
@@ -119,7 +123,8 @@ class LookaheadAgent:
     _until: float = field(default=np.inf, init=False)
 
     def __post_init__(self) -> None:
-        checks.integer("agent lookahead.steps", self.steps, 1, 10)
+        if self.steps is not None:
+            checks.integer("agent lookahead.steps", self.steps, 1, 12)
         checks.integer("agent lookahead.samples", self.samples, 2, 1_000_000)
         checks.integer("agent lookahead.readings", self.readings, 1, 1_000_000)
         checks.number("agent lookahead.seconds", self.seconds, 0.0, 1e6)
@@ -128,12 +133,23 @@ class LookaheadAgent:
         """See :class:`Agent`."""
         self.rng, self.plan = rng, None
 
-    def act(self, observation: Mapping[str, Any], knowledge: Knowledge) -> int:
-        """First action of the best plan; the lowest-numbered one of equals.
+    def action_values_all(self, knowledge: MazeKnowledge) -> NDArray[np.float64]:
+        """Worth of each action to the robots asked for, in mazes: ``(n, 3)``; the best exact."""
+        steps = self.steps or (3 if knowledge.lattice.p_off > 0.0 else 7)
+        return plan_values(knowledge, steps)
+
+    def act_all(self, knowledge: MazeKnowledge) -> NDArray[np.int64]:
+        """See :class:`activeloc.envs.maze_episodes.MazePlanner`."""
+        return first_actions(self.action_values_all(knowledge))
+
+    def act(self, observation: Mapping[str, Any], knowledge: Knowledge | MazeKnowledge) -> int:
+        """First action of the best plan; the lowest-numbered one of equals, in a maze forward.
 
         Raises:
             ConfigError: If the action space is continuous.
         """
+        if isinstance(knowledge, MazeKnowledge):
+            return int(self.act_all(knowledge)[0])
         if knowledge.actions.kind != "discrete":
             raise ConfigError("agent lookahead needs discrete actions; got 'continuous'")
         self._until = perf_counter() + self.seconds if self.seconds > 0.0 else np.inf
@@ -150,7 +166,7 @@ class LookaheadAgent:
             there = here.after(knowledge, command, self.rng)
             gains[action], log_w = self._look(knowledge, there, command, chosen, nothing)
             worth[action] = gains[action] + self._deeper(
-                knowledge, there, command, self.steps - 1, chosen, log_w, gains[action]
+                knowledge, there, command, (self.steps or 3) - 1, chosen, log_w, gains[action]
             )
         best = int(np.argmax(worth))
         self.plan = Plan(((knowledge.actions.commands[best], 1),), float(gains[best]))

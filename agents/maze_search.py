@@ -1,8 +1,9 @@
-"""Search in belief space where nothing is random: the noise-free maze.
+"""Search in belief space in mazes: exact, since a maze's readings are few.
 
-There a belief is uniform over the n states that agree with every reading, all of them read the same
-now, and actions are one-to-one. So an action only splits the set by the next reading, and the
-expected largest probability after it, ``sum_z (n_z / n) (1 / n_z)``, is the number of parts over n.
+Without noise a belief is uniform over the n states that agree with every reading, all of them read
+the same now, and actions are one-to-one. So an action only splits the set by the next reading, and
+the expected largest probability after it, ``sum_z (n_z / n) (1 / n_z)``, is the number of parts
+over n.
 A K-step plan is counting: with W in units of 1 / n,
 
     W(S, k) = max_a [ parts(a, S) + sum_z W(S_z, k - 1) ],    W({x}, k) = k,
@@ -10,6 +11,10 @@ A K-step plan is counting: with W in units of 1 / n,
 which bounds itself: a step can add n at most, so a branch that cannot win is cut, and no plan is
 lost. Maximising the sum over the steps is what matters: a planner that looks at its last step alone
 puts everything off.
+
+With noise the same is a sum over joint probabilities q(x, z), which need not be normalised:
+
+    V(q, k) = max_a sum_z [ max_x q_az(x) + V(q_az, k - 1) ],    q_az(x) = p(z | x) (T_a q)(x).
 """
 
 from __future__ import annotations
@@ -20,7 +25,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-LEFT, RIGHT, FORWARD = 0, 1, 2
+from activeloc.agents.maze_greedy import PREFERENCE, TIE
+from activeloc.beliefs.lattice_kernels import FORWARD, LEFT, RIGHT
+from activeloc.envs.maze_episodes import MazeKnowledge
 
 
 @njit(cache=True, nogil=True)
@@ -155,6 +162,164 @@ def plan_all(
         level[0] = states[b, :n]
         worth(successor[b], reading[b], level, ends, 0, 0, n, k, -1, values[b])
         values[b] /= n * k
+
+
+@njit(cache=True, nogil=True)
+def predict(
+    q: NDArray[np.float64],
+    action: int,
+    target: NDArray[np.int32],
+    p_step: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """out(x') = sum over x of p(x' | x, action) q(x).
+
+    Args:
+        q: ``(S,)`` over states 4 c + k.
+        action: In 0, 1, 2.
+        target: ``(S * J,)``; cell that each length of a step leads to.
+        p_step: ``(J,)``.
+        out: ``(S,)``, overwritten.
+    """
+    n_steps = p_step.shape[0]
+    out[:] = 0.0
+    for s in range(q.shape[0]):
+        if q[s] > 0.0:
+            cell, k = s // 4, s % 4
+            if action == 0:
+                out[4 * cell + (k + 1) % 4] += q[s]
+            elif action == 1:
+                out[4 * cell + (k + 3) % 4] += q[s]
+            else:
+                for j in range(n_steps):
+                    out[4 * target[s * n_steps + j] + k] += p_step[j] * q[s]
+
+
+@njit(cache=True, nogil=True)
+def noisy_worth(
+    target: NDArray[np.int32],
+    depth: NDArray[np.int32],
+    p_step: NDArray[np.float64],
+    confusion: NDArray[np.float64],
+    level: NDArray[np.float64],
+    moved: NDArray[np.float64],
+    at: int,
+    steps: int,
+    last: int,
+    value: NDArray[np.float64],
+) -> float:
+    """V of the joint probabilities ``level[at]``.
+
+    Args:
+        target: ``(S * J,)``.
+        depth: ``(S,)``; less one.
+        p_step: ``(J,)``.
+        confusion: ``(D, Z)``; p(reading | depth), both less one.
+        level: ``(K + 1, S)``; overwritten below ``at``.
+        moved: ``(K, S)``, overwritten.
+        at: Row of ``level``.
+        steps: Left to plan.
+        last: Action before; a turn is not undone.
+        value: ``(3,)``, overwritten at row 0 with each action's worth.
+    """
+    if steps == 0:
+        return 0.0
+    best = -1.0
+    for order in range(3):
+        action = 2 - order
+        if at > 0 and ((action == 0 and last == 1) or (action == 1 and last == 0)):
+            continue
+        predict(level[at], action, target, p_step, moved[at])
+        total = 0.0
+        for z in range(confusion.shape[1]):
+            largest, mass = 0.0, 0.0
+            for s in range(depth.shape[0]):
+                q = moved[at, s]
+                if q > 0.0:
+                    q *= confusion[depth[s], z]
+                    mass += q
+                    largest = max(largest, q)
+                level[at + 1, s] = q
+            if mass > 1e-9:
+                total += largest
+                if steps > 1:
+                    total += noisy_worth(
+                        target, depth, p_step, confusion, level, moved, at + 1, steps - 1,
+                        action, value,
+                    )  # fmt: skip
+        if at == 0:
+            value[action] = total
+        best = max(best, total)
+    return best
+
+
+@njit(cache=True, nogil=True)
+def plan_all_noisy(
+    robots: NDArray[np.intp],
+    bel: NDArray[np.float64],
+    n_cells: NDArray[np.int32],
+    target: NDArray[np.int32],
+    depth: NDArray[np.int32],
+    p_step: NDArray[np.float64],
+    confusion: NDArray[np.float64],
+    steps: int,
+    values: NDArray[np.float64],
+) -> None:
+    """K-step values of each action for a batch of noisy mazes: mean largest probability a step.
+
+    Args:
+        robots: ``(n,)``; which.
+        bel: ``(B, S)``.
+        n_cells: ``(B,)``.
+        target: ``(B, S * J)``.
+        depth: ``(B, S)``; less one.
+        p_step: ``(J,)``.
+        confusion: ``(D, Z)``.
+        steps: K.
+        values: ``(n, 3)``, overwritten with V / K.
+    """
+    for i in range(robots.shape[0]):
+        b, n = robots[i], 4 * n_cells[robots[i]]
+        level, moved = np.empty((steps + 1, n)), np.empty((steps, n))
+        level[0] = bel[b, :n]
+        noisy_worth(
+            target[b], depth[b, :n], p_step, confusion, level, moved, 0, steps, -1, values[i]
+        )
+        values[i] /= steps
+
+
+def plan_values(knowledge: MazeKnowledge, steps: int) -> NDArray[np.float64]:
+    """Mean over K steps of the expected largest probability, for each first action: ``(n, 3)``.
+
+    Exact for the best action; those that cannot beat it may be given less than they are worth.
+
+    Args:
+        knowledge: Of the robots that are asked for.
+        steps: K.
+    """
+    on, belief, robots = knowledge.lattice, knowledge.belief, knowledge.robots
+    values = np.zeros((len(robots), 3))
+    n = on.depth.shape[1] * 4
+    if on.p_off > 0.0:
+        plan_all_noisy(
+            robots, belief.bel.reshape(-1, n), on.n_cells, on.target, on.depth.reshape(-1, n),
+            on.p_step, on.sensor.confusion, steps, values,
+        )  # fmt: skip
+        return values
+    held = belief.candidates()
+    plan_all(
+        on.successor.reshape(-1, n, 3)[robots],
+        (on.depth.reshape(-1, n)[robots] + 1).astype(np.int8),
+        held.states[robots], held.n[robots], np.full(len(robots), steps, dtype=np.int32), values,
+    )  # fmt: skip
+    return values
+
+
+def first_actions(values: NDArray[np.float64]) -> NDArray[np.int64]:
+    """The best of each row ``(n, 3)``; of equals (to 1e-9) forward, then left: ``(n,)``."""
+    ordered = values[:, PREFERENCE]
+    best = ordered.max(axis=1, keepdims=True)
+    return PREFERENCE[(ordered >= best - TIE).argmax(axis=1)].astype(np.int64)
 
 
 def optimum(

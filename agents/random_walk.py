@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from activeloc.envs.episodes import Knowledge
+from activeloc.envs.worlds import AnyKnowledge
 
 
 @dataclass
@@ -21,7 +21,7 @@ class RandomAgent:
         """See :class:`Agent`."""
         self.rng = rng
 
-    def act(self, observation: Mapping[str, Any], knowledge: Knowledge) -> Any:
+    def act(self, observation: Mapping[str, Any], knowledge: AnyKnowledge) -> Any:
         """See :class:`Agent`."""
         if knowledge.actions.kind == "continuous":
             return self.rng.uniform(-1.0, 1.0, 2).astype(np.float32)

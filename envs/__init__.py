@@ -15,9 +15,24 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "activeloc/GlobalLocalization-v0": {"task": "global"},
     "activeloc/KidnappedRobot-v0": {"task": "kidnapped"},
     "activeloc/PositionTracking-v0": {"task": "tracking"},
+    "activeloc/Maze7-v0": {"task": "maze", "map": "maze(size=7):*"},
+    "activeloc/Maze15-v0": {"task": "maze", "map": "maze(size=15):*"},
+    "activeloc/Maze21-v0": {"task": "maze", "map": "maze(size=21):*"},
+    "activeloc/NoisyMaze9-v0": {
+        "task": {"kind": "maze", "p_off": 0.106, "confidence": 0.5},
+        "map": "maze(size=9):*",
+    },
 }
 
 MAX_EPISODE_STEPS = 150
+#: Id -> steps of an episode, where they are not :data:`MAX_EPISODE_STEPS`.
+STEPS = {
+    "activeloc/KidnappedRobot-v0": 300,  # To notice, and to begin again.
+    "activeloc/Maze7-v0": 15,
+    "activeloc/Maze15-v0": 20,
+    "activeloc/Maze21-v0": 30,
+    "activeloc/NoisyMaze9-v0": 15,
+}
 
 
 def register() -> None:
@@ -28,6 +43,6 @@ def register() -> None:
                 id=name,
                 entry_point="activeloc.envs.localization:LocalizationEnv",
                 vector_entry_point="activeloc.envs.vector:LocalizationVectorEnv",
-                max_episode_steps=MAX_EPISODE_STEPS,
+                max_episode_steps=STEPS.get(name, MAX_EPISODE_STEPS),
                 kwargs=settings,
             )

@@ -12,7 +12,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from activeloc import checks
-from activeloc.envs.episodes import EpisodeConfig, Episodes, Knowledge
+from activeloc.envs.maze_episodes import MazeEpisodes, MazeKnowledge
+from activeloc.envs.worlds import AnyKnowledge, configure, episodes_of, observation_space
 from activeloc.errors import ActionError, ConfigError
 
 Observation = dict[str, NDArray[Any]]
@@ -60,20 +61,29 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         if max_episode_steps is not None:
             checks.integer("max_episode_steps", max_episode_steps, 1, 2**31)
         self.max_episode_steps = max_episode_steps
-        self.config = EpisodeConfig.build(settings)
-        self._episodes = Episodes(self.config, num_envs)
+        self.config = configure(settings)
+        self._episodes = episodes_of(self.config, num_envs)
         self._rngs = [seeding.np_random()[0] for _ in range(num_envs)]
         self._done = np.zeros(num_envs, dtype=np.bool_)
         self.single_action_space = self.config.actions.space
-        self.single_observation_space = self.config.observation.space(
-            len(self.config.sensor.bearings)
-        )
+        self.single_observation_space = observation_space(self.config)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
 
-    def knowledge(self, robot: int) -> Knowledge:
+    def knowledge(self, robot: int) -> AnyKnowledge:
         """What a robot knows: what planners plan with."""
         return self._episodes.knowledge(robot)
+
+    @property
+    def batch_knowledge(self) -> MazeKnowledge:
+        """What all robots know, for planners that choose for all of them at once.
+
+        Raises:
+            ConfigError: If they are in no mazes.
+        """
+        if not isinstance(self._episodes, MazeEpisodes):
+            raise ConfigError("batch_knowledge is the maze task's; use knowledge(robot)")
+        return self._episodes.knowledge_of_all()
 
     def reset(
         self,
@@ -91,12 +101,12 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
             raise ConfigError(f"reset_mask must be {self.num_envs} bools, one true; got {mask!r}")
         seeds = self._seeds(seed)
         for robot in np.flatnonzero(~mask):
-            self._episodes.episode(int(robot))
+            self._episodes.knowledge(int(robot))
         for robot in np.flatnonzero(mask):
             given = seeds[robot]
             if given is not None:
                 self._rngs[robot] = seeding.np_random(given)[0]
-            self._episodes.reset(int(robot), self._rngs[robot], options)
+        self._start(mask, options)
         self._done[mask] = False
         return self._observations(), self._infos()
 
@@ -118,21 +128,43 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
             ActionError: If there is not one action for each robot, or one is not in the space;
                 nothing has changed then.
         """
-        given = self._checked(actions)
-        rewards = np.zeros(self.num_envs)
         again = self._done.copy()
+        rewards, terminated = self._play(actions, again)
+        truncated = ~again & (self._steps() >= self._limit)
+        self._done = terminated | truncated
+        if self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP and self._done.any():
+            return self._reset_done(rewards, terminated, truncated)
+        return self._observations(), rewards, terminated, truncated, self._infos()
+
+    def _start(self, which: NDArray[np.bool_], options: dict[str, Any] | None = None) -> None:
+        """Start the next episodes of some robots, ``(B,)``."""
+        robots = np.flatnonzero(which)
+        if isinstance(self._episodes, MazeEpisodes):
+            if len(robots):
+                rngs = [self._rngs[robot] for robot in robots]
+                self._episodes.reset_some(robots, rngs, options)
+            return
+        for robot in robots:
+            self._episodes.reset(int(robot), self._rngs[robot], options)
+
+    def _play(
+        self, actions: NDArray[Any], again: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """One step of all robots but those whose next episode starts; rewards and ends."""
+        if isinstance(self._episodes, MazeEpisodes):
+            checked = self._episodes.checked_actions(actions)
+            self._episodes.step_all(checked, ~again)
+            self._start(again)
+            rewards = np.where(again, 0.0, self._episodes.belief.largest)
+            return rewards, np.zeros(self.num_envs, dtype=np.bool_)
+        given, rewards = self._checked(actions), np.zeros(self.num_envs)
         for robot in range(self.num_envs):
             if again[robot]:
                 self._episodes.reset(robot, self._rngs[robot])
             else:
                 self._episodes.step(robot, given[robot])
                 rewards[robot] = self._episodes.reward(robot)
-        terminated = np.array([self._episodes.terminated(i) for i in range(self.num_envs)])
-        truncated = ~again & (self._steps() >= self._limit)
-        self._done = terminated | truncated
-        if self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP and self._done.any():
-            return self._reset_done(rewards, terminated, truncated)
-        return self._observations(), rewards, terminated, truncated, self._infos()
+        return rewards, np.array([self._episodes.terminated(i) for i in range(self.num_envs)])
 
     def _reset_done(
         self,
@@ -143,11 +175,11 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         """Start the next episodes at once; the last observations and infos go into ``info``."""
         done = self._done
         final_obs = np.full(self.num_envs, None, dtype=object)
+        last = self._observations()
         for robot in np.flatnonzero(done):
-            final_obs[robot] = self._episodes.observation(int(robot))
+            final_obs[robot] = {key: value[robot] for key, value in last.items()}
         final_info = self._infos(done)
-        for robot in np.flatnonzero(done):
-            self._episodes.reset(int(robot), self._rngs[robot])
+        self._start(done)
         infos = self._infos()
         infos |= {"final_obs": final_obs, "_final_obs": done.copy()}
         infos |= {"final_info": final_info, "_final_info": done.copy()}
@@ -163,7 +195,7 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
             raise ActionError(f"actions must be {self.num_envs}, one a robot; got {actions!r}")
         given = list(array)
         for robot, action in enumerate(given):
-            self._episodes.episode(robot)
+            self._episodes.knowledge(robot)
             self.config.actions.command(action)
         return given
 
@@ -172,21 +204,28 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         return np.inf if self.max_episode_steps is None else self.max_episode_steps
 
     def _steps(self) -> NDArray[np.int64]:
+        if isinstance(self._episodes, MazeEpisodes):
+            return self._episodes.steps
         return np.array([self._episodes.episode(i).step for i in range(self.num_envs)])
 
     def _observations(self) -> Observation:
+        if isinstance(self._episodes, MazeEpisodes):
+            return self._episodes.observations()
         each = [self._episodes.observation(i) for i in range(self.num_envs)]
         return {key: np.stack([one[key] for one in each]) for key in each[0]}
 
     def _infos(self, mask: NDArray[np.bool_] | None = None) -> dict[str, Any]:
         """The infos as arrays, with a ``_key`` mask of the robots that each is given for."""
-        given = np.ones(self.num_envs, dtype=np.bool_) if mask is None else mask
-        each = [self._episodes.info(i) for i in range(self.num_envs)]
+        given = np.ones(self.num_envs, dtype=np.bool_) if mask is None else mask.copy()
+        if isinstance(self._episodes, MazeEpisodes):
+            columns = self._episodes.infos()
+        else:
+            each = [self._episodes.info(i) for i in range(self.num_envs)]
+            columns = {key: np.array([one[key] for one in each]) for key in each[0]}
         infos: dict[str, Any] = {}
-        for key in each[0]:
-            values = np.array([one[key] for one in each])
-            infos[key] = np.where(given, values, np.zeros_like(values))
-            infos[f"_{key}"] = given.copy()
+        for key, values in columns.items():
+            infos[key] = values if mask is None else np.where(given, values, np.zeros_like(values))
+            infos[f"_{key}"] = given
         return infos
 
 

@@ -200,6 +200,7 @@ def test_every_heading_and_bearing_finds_a_direction(theta, bearing):
 
 def test_a_map_has_one_table_for_each_range_and_number_of_directions():
     one = range_table(clutter(0), 1.0, 16)
+    assert (one.z_max, one.table.shape[1]) == (1.0, 16)
     assert range_table(clutter(0), 1.0, 16) is one
     assert range_table(clutter(0), 1.0, 17) is not one
     assert range_table(clutter(0), 2.0, 16) is not one

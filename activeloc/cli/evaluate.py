@@ -36,6 +36,9 @@ The kidnapped robot, and the same with nobody to carry it off:
   activeloc evaluate --env KidnappedRobot-v0 --agents spin,active --out results-kidnapped
   activeloc evaluate --env KidnappedRobot-v0 --agents spin,active \\
       --set task.kidnap=never --out results-left-alone
+Mazes, and mazes that others have played:
+  activeloc evaluate --env Maze15-v0 --agents random,greedy --episodes 100 --out results-maze
+  activeloc evaluate --env Maze15-v0 --starts test-mazes.npz --out results-test
 
 \b
 Into DIR: episodes.csv  a row for each episode (entropy [nat], errors [m], [rad])
@@ -49,18 +52,24 @@ def evaluate(
     out: Annotated[Path, typer.Option("--out", help="Folder of the results.", metavar="DIR")],
     env: options.Env = "activeloc/GlobalLocalization-v0",
     agents: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--agents",
-            help="Names, with commas between; differences are taken against the first.",
+            help="Names, with commas between; differences are taken against the first. "
+            "[default: random,spin,greedy,active; in mazes random,greedy]",
             metavar="NAMES",
         ),
-    ] = "random,spin,greedy,active",
-    map_spec: options.Map = "office:0-3",
+    ] = None,
+    map_spec: options.MapIfGiven = None,
     belief: options.Belief = "histogram",
     episodes: Annotated[
-        int, typer.Option("--episodes", help="How many each agent plays.", metavar="N")
-    ] = 16,
+        int | None,
+        typer.Option(
+            "--episodes",
+            help="How many each agent plays. [default: 16, or all of --starts]",
+            metavar="N",
+        ),
+    ] = None,
     seed: options.Seed = 0,
     jobs: Annotated[int, typer.Option("--jobs", help="Processes that play.", metavar="J")] = 1,
     steps: options.Steps = None,
@@ -69,6 +78,15 @@ def evaluate(
         bool,
         typer.Option("--gains", help="Measure what planners expect of scans, and get."),
     ] = False,
+    starts: Annotated[
+        Path | None,
+        typer.Option(
+            "--starts",
+            help="Mazes to play, .npz: grids (N, m, m) of bool, poses (N, 3) of row, column, "
+            "heading 0 to 3.",
+            metavar="FILE",
+        ),
+    ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Throw away what DIR holds of earlier runs.")
     ] = False,
@@ -76,9 +94,14 @@ def evaluate(
     """Play a sweep into a folder and print its table."""
     from activeloc.agents import evaluation
 
-    names = options.split_agents(agents)
-    sweep = options.make_sweep(env, map_spec, belief, names, settings or [], seed, steps, episodes)
-    sweep = replace(sweep, gains=gains)
+    given = None if starts is None else evaluation.Starts.load(starts)
+    if episodes is None:
+        episodes = 16 if given is None else len(given)
+    names = options.split_agents(agents or options.default_agents(env))
+    sweep = options.make_sweep(
+        env, map_spec, belief, names, settings or [], seed, steps, episodes, "office:0-3"
+    )
+    sweep = replace(sweep, gains=gains, starts=given)
     with _progress(sweep) as progress:
         try:
             report = evaluation.evaluate(
@@ -158,7 +181,7 @@ def _print(report: Report, folder: Path) -> None:
 
     console, sweep = Console(highlight=False, markup=False), report.sweep
     print(
-        f"{sweep.env} on {sweep.map.spec}, {sweep.episodes} episodes of at most {sweep.limit} "
+        f"{sweep.env} on {sweep.where}, {sweep.episodes} episodes of at most {sweep.limit} "
         "steps;\nunder each score its 95 % interval\n"
     )
     console.print(scores_table(report))

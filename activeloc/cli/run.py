@@ -34,7 +34,7 @@ Episode 17 of `activeloc evaluate --seed 0`, as it was played there:
 def run(
     env: options.Env = "activeloc/GlobalLocalization-v0",
     agent: Annotated[str, typer.Option("--agent", help="Its name.", metavar="NAME")] = "active",
-    map_spec: options.Map = "office",
+    map_spec: options.MapIfGiven = None,
     belief: options.Belief = "histogram",
     seed: options.Seed = 0,
     episode: Annotated[

@@ -13,19 +13,20 @@ if TYPE_CHECKING:
     from activeloc.agents.evaluation import Sweep
 
 NAMESPACE = "activeloc/"
+METRIC_AGENTS = "random,spin,greedy,active"
+MAZE_AGENTS = "random,greedy"
 
 Env = Annotated[
     str, typer.Option("--env", help="Registered id; see `activeloc envs`.", metavar="ID")
 ]
-Map = Annotated[
-    str,
-    typer.Option(
-        "--map",
-        help="A generator (office, rooms, cave, maze), office:7 for building 7, office:0-3 for "
-        "four in turn, office:* for a new one each episode, or a map file.",
-        metavar="SPEC",
-    ),
-]
+_MAP = typer.Option(
+    "--map",
+    help="A generator (office, rooms, cave, maze), office:7 for building 7, office:0-3 for "
+    "four in turn, office:* for a new one each episode, or a map file.",
+    metavar="SPEC",
+)
+Map = Annotated[str, _MAP]
+MapIfGiven = Annotated[str | None, _MAP]
 Belief = Annotated[str, typer.Option("--belief", help="histogram or particles.", metavar="KIND")]
 Seed = Annotated[
     int, typer.Option("--seed", help="All chance follows from it, 0 to 2^63 - 1.", metavar="S")
@@ -47,43 +48,55 @@ Settings = Annotated[
 
 def make_sweep(
     env: str,
-    map_spec: str,
+    map_spec: str | None,
     belief: str,
     agents: Sequence[str],
     settings: Sequence[str],
     seed: int,
     steps: int | None,
     episodes: int = 1,
+    maps: str = "office",
 ) -> Sweep:
     """A sweep from the options of a subcommand.
+
+    Where no map is given, the id's own is taken, or ``maps``.
 
     Raises:
         ActiveLocError: If one of them is refused.
     """
-    from activeloc.agents import AGENTS
+    from activeloc.agents import check_name
     from activeloc.agents.evaluation import Sweep
     from activeloc.configuration import unknown
-    from activeloc.envs import ENVIRONMENTS, MAX_EPISODE_STEPS
+    from activeloc.envs import ENVIRONMENTS, MAX_EPISODE_STEPS, STEPS
     from activeloc.maps import MapSource
 
     name = env if env.startswith(NAMESPACE) else NAMESPACE + env
     if name not in ENVIRONMENTS:
         raise unknown("--env", env, ENVIRONMENTS)
     for agent in agents:
-        if agent not in AGENTS:
-            raise unknown("agent", agent, AGENTS)
+        check_name(agent)
     tree = parse_settings(settings)
     given = _agent_settings(tree.pop("agent", {}), agents)
     base = {**ENVIRONMENTS[name], "belief": belief}
+    base.pop("map", None)
     return Sweep(
         env=name,
-        map=MapSource.parse(map_spec),
+        map=MapSource.parse(map_spec or ENVIRONMENTS[name].get("map", maps)),
         agents={agent: given.get(agent, {}) for agent in agents},
         settings=_merged(base, tree),
         episodes=episodes,
         seed=seed,
-        limit=MAX_EPISODE_STEPS if steps is None else steps,
+        limit=STEPS.get(name, MAX_EPISODE_STEPS) if steps is None else steps,
     )
+
+
+def default_agents(env: str) -> str:
+    """Names of the agents that play where none are given."""
+    from activeloc.envs import ENVIRONMENTS
+
+    task = ENVIRONMENTS.get(NAMESPACE + env.removeprefix(NAMESPACE), {}).get("task")
+    kind = task["kind"] if isinstance(task, Mapping) else task
+    return MAZE_AGENTS if kind == "maze" else METRIC_AGENTS
 
 
 def split_agents(text: str) -> list[str]:
@@ -157,7 +170,8 @@ def _merged(base: Mapping[str, Any], tree: Mapping[str, Any]) -> dict[str, Any]:
             merged[name] = value
             continue
         old = base.get(name)
-        merged[name] = {**({} if old is None else {"kind": old}), **value}
+        fields = old if isinstance(old, Mapping) else {} if old is None else {"kind": old}
+        merged[name] = {**fields, **value}
     return merged
 
 

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 _HEADS = {
     "right": ("right", ".2f"),
+    "likeliest": ("likeliest\nis true", ".2f"),
+    "return": ("return", ".2f"),
     "wrong": ("wrong\nand sure", ".2f"),
     "wrong_of_declared": ("wrong of\ndeclared", ".2f"),
     "steps": ("steps", ".0f"),

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from activeloc import checks
 from activeloc.grid import Cell, OccupancyGrid
 from activeloc.maps.parameters import MAX_TRIES, check_area, demand, give_up
 
+FREE, OCCUPIED = int(Cell.FREE), int(Cell.OCCUPIED)
 P_LINK_SIDEWAYS = 2 / 3
 P_WALL_BELOW = 2 / 3
 
@@ -47,37 +49,74 @@ class Maze:
         Raises:
             ConfigError: If every draw was symmetric.
         """
+        return OccupancyGrid(self.draw(rng), self.resolution, name="maze")
+
+    def draw(self, rng: np.random.Generator) -> NDArray[np.uint8]:
+        """The cells ``(m, m)`` of a maze; :meth:`generate` with nothing around it.
+
+        Raises:
+            ConfigError: If every draw was symmetric.
+        """
+        n = (self.size - 1) // 2
+        cells = np.empty((self.size, self.size), dtype=np.uint8)
         for _ in range(MAX_TRIES):
-            cells = _draw((self.size - 1) // 2, rng)
-            turned = np.rot90(cells)
-            if not np.array_equal(cells, turned) and not np.array_equal(cells, np.rot90(turned)):
-                return OccupancyGrid(cells, self.resolution, name="maze")
+            carve(rng.random((n, 2, n)), cells)
+            if not is_symmetric(cells):
+                return cells
         raise give_up(self, "maze without symmetry")
 
 
-def _draw(n: int, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Cells ``(2 n + 1, 2 n + 1)`` of a maze of n x n rooms; the first row drawn is the top one."""
-    cells = np.full((2 * n + 1, 2 * n + 1), Cell.OCCUPIED, dtype=np.uint8)
-    cells[1::2, 1::2] = Cell.FREE
+@njit(cache=True, nogil=True)
+def carve(uniforms: NDArray[np.float64], cells: NDArray[np.uint8]) -> None:
+    """Fill in a maze of n x n rooms; the first row drawn is the top one.
+
+    Args:
+        uniforms: ``(n, 2, n)`` in [0, 1): row by row, of the links sideways, then of those down.
+        cells: ``(2 n + 1, 2 n + 1)``, overwritten.
+    """
+    n = uniforms.shape[0]
+    cells[:] = OCCUPIED
+    for row in range(n):
+        for col in range(n):
+            cells[2 * row + 1, 2 * col + 1] = FREE
     part = np.arange(n)  # Label of the connected part that each room of the row belongs to.
+    below = np.empty_like(part)
     next_label = n
     for row in range(n):
         top_down = 2 * (n - row) - 1
         last = row == n - 1
-        sideways, down = rng.random((2, n))
-        below = part.copy()
+        below[:] = part
         for col in range(n):
             # Rooms already passed count in `below`: their part lives on if they lead downwards.
-            alone = np.count_nonzero(below == below[col]) == 1
+            alone = True
+            for other in range(n):
+                if other != col and below[other] == below[col]:
+                    alone = False
             apart = col + 1 < n and below[col] != below[col + 1]
-            if apart and ((last and alone) or sideways[col] < P_LINK_SIDEWAYS):
-                cells[top_down, 2 * col + 2] = Cell.FREE
-                below[below == below[col + 1]] = below[col]
+            if apart and ((last and alone) or uniforms[row, 0, col] < P_LINK_SIDEWAYS):
+                cells[top_down, 2 * col + 2] = FREE
+                joined = below[col + 1]
+                for other in range(n):
+                    if below[other] == joined:
+                        below[other] = below[col]
                 alone = False
-            if last or (not alone and down[col] < P_WALL_BELOW):
+            if last or (not alone and uniforms[row, 1, col] < P_WALL_BELOW):
                 below[col] = next_label
                 next_label += 1
             else:
-                cells[top_down - 1, 2 * col + 1] = Cell.FREE
-        part = below
-    return cells
+                cells[top_down - 1, 2 * col + 1] = FREE
+        part[:] = below
+
+
+@njit(cache=True, nogil=True)
+def is_symmetric(cells: NDArray[np.uint8]) -> bool:
+    """Whether a square equals its own rotation by 90 or 180 degrees."""
+    last = cells.shape[0] - 1
+    quarter, half = True, True
+    for row in range(last + 1):
+        for col in range(last + 1):
+            half = half and cells[row, col] == cells[last - row, last - col]
+            quarter = quarter and cells[row, col] == cells[col, last - row]
+            if not (half or quarter):
+                return False
+    return True

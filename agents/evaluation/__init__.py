@@ -20,7 +20,17 @@ from activeloc.agents.evaluation.episodes import Player
 from activeloc.agents.evaluation.records import Record, penalised_area
 from activeloc.agents.evaluation.report import Report
 from activeloc.agents.evaluation.runner import evaluate
+from activeloc.agents.evaluation.starts import Starts
 from activeloc.agents.evaluation.statistics import Estimate
 from activeloc.agents.evaluation.sweep import Sweep
 
-__all__ = ["Estimate", "Player", "Record", "Report", "Sweep", "evaluate", "penalised_area"]
+__all__ = [
+    "Estimate",
+    "Player",
+    "Record",
+    "Report",
+    "Starts",
+    "Sweep",
+    "evaluate",
+    "penalised_area",
+]

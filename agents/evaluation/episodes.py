@@ -12,10 +12,12 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from activeloc.agents import make_agent
+from activeloc.agents.evaluation.gains import GainMeter
 from activeloc.agents.evaluation.records import Record, penalised_area
 from activeloc.agents.evaluation.sweep import Sweep
+from activeloc.agents.imagination import plan_of
 from activeloc.beliefs.particles import ParticleBelief
+from activeloc.envs.episodes import Knowledge
 from activeloc.envs.localization import LocalizationEnv
 
 LOST = 1e-3
@@ -32,6 +34,7 @@ class _Tally:
     n_particles: list[int | None]
     start: NDArray[np.float64]
     rewards: list[float] = field(default_factory=list)
+    gains: tuple[tuple[float, float], ...] = ()
     act_s: float = 0.0
     step_s: float = 0.0
 
@@ -53,14 +56,14 @@ class Player:
             render_mode=render_mode,
             **{**sweep.settings, "map": sweep.map},
         )
-        self.agents = {name: make_agent(name, given) for name, given in sweep.agents.items()}
+        self.agents = {name: sweep.agent(name) for name in sweep.agents}
         core = self.env.unwrapped
         assert isinstance(core, LocalizationEnv)
         self.core = core
 
     def reset(self, agent: str, episode: int) -> tuple[dict[str, Any], dict[str, Any]]:
         """Put robot and agent at the start of an episode; returns observation and info."""
-        options = {"map": self.sweep.map.number(self.sweep.map_number(episode))}
+        options = self.sweep.options(episode)
         observation, info = self.env.reset(seed=self.sweep.env_seed(episode), options=options)
         self.agents[agent].reset(self.sweep.agent_rng(episode))
         return observation, info
@@ -86,6 +89,7 @@ class Player:
         """
         observation, info = self.reset(agent, episode)
         tally = _Tally([info["entropy_fraction"]], [self._n_particles()], self.core.pose)
+        meter = GainMeter()
         over = False
         while not over:
             if watch is not None:
@@ -93,16 +97,23 @@ class Player:
             knowledge = self.core.knowledge
             begun = perf_counter()
             action = self.agents[agent].act(observation, knowledge)
+            acted = perf_counter()
+            if self.sweep.gains and isinstance(knowledge, Knowledge):
+                meter.decided(knowledge, plan_of(self.agents[agent]))
             chosen = perf_counter()
             observation, reward, terminated, truncated, info = self.env.step(action)
-            tally.act_s += chosen - begun
+            tally.act_s += acted - begun
             tally.step_s += perf_counter() - chosen
+            moved = self.core.knowledge
+            if isinstance(moved, Knowledge):
+                meter.moved(moved)
             tally.rewards.append(float(reward))
             tally.entropy.append(info["entropy_fraction"])
             tally.n_particles.append(self._n_particles())
             over = terminated or truncated
         if watch is not None:
             watch(self.core, len(tally.rewards), info)
+        tally.gains = tuple(meter.gains)
         return self._record(agent, episode, tally, info)
 
     def _n_particles(self) -> int | None:
@@ -111,16 +122,16 @@ class Player:
 
     def _record(self, agent: str, episode: int, tally: _Tally, info: Mapping[str, Any]) -> Record:
         """What is kept of an episode that has just ended."""
-        sweep, belief = self.sweep, self.core.knowledge.belief
+        sweep = self.sweep
         success, wrong = bool(info["is_success"]), bool(info["wrong"])
         played = len(tally.rewards)
         n_particles = [n for n in tally.n_particles if n is not None]
         return Record(
             agent=agent,
-            map=belief.terrain(0).grid.name,
+            map=self.core.grid.name,
             seed=sweep.seed,
             episode=episode,
-            steps=played if success else sweep.limit,
+            steps=int(info.get("success_step", played)) if success else sweep.limit,
             success=success,
             wrong=wrong,
             entropy_auc=penalised_area(tally.entropy, wrong, sweep.limit),
@@ -131,8 +142,14 @@ class Player:
             played=played,
             entropy=tuple(float(value) for value in tally.entropy),
             start=(float(tally.start[0]), float(tally.start[1]), float(tally.start[2])),
-            truth_lost=belief.mass_near(0, self.core.pose) < LOST,
+            truth_lost=self.core.probability_at_truth < LOST,
             n_particles=fsum(n_particles) / len(n_particles) if n_particles else None,
             act_ms=1e3 * tally.act_s / played,
             step_ms=1e3 * tally.step_s / played,
+            kidnapped=bool(info.get("kidnapped", False)),
+            notice_steps=int(info.get("notice_steps", -1)),
+            recover_steps=int(info.get("recover_steps", -1)),
+            false_alarm=bool(info.get("false_alarm", False)),
+            likeliest=bool(info.get("likeliest_is_true", False)),
+            gains=tally.gains,
         )

@@ -29,17 +29,19 @@ class Record:
         map: The map's name.
         seed: Of the sweep.
         episode: Number of the episode, from zero.
-        steps: Until a right declaration; the limit for every other episode.
-        success: Declared, and right; in tracking, near the truth at the limit.
+        steps: Until a right declaration, in a maze until the belief was right to stay; the limit
+            for every other episode.
+        success: Declared, and right; in tracking, near the truth at the limit; in a maze the strict
+            accuracy.
         wrong: Declared, and wrong; in tracking, sure at the limit but not near the truth.
         entropy_auc: Penalised area under the entropy curve, in [0, 1]: :func:`penalised_area`.
         final_entropy: Of the last belief [nat].
-        error_m: Distance of the last estimate from the truth [m].
+        error_m: Distance of the last estimate from the truth [m]; in a maze [cell].
         error_rad: Angle between them [rad].
         total_reward: The undiscounted return.
         played: Steps that were played, to the declaration or the limit.
         entropy: Fractions of the uniform belief's entropy: at the start, then after each step.
-        start: True pose x [m], y [m], theta [rad] at the start.
+        start: True pose x [m], y [m], theta [rad] at the start; in a maze row, column, heading.
         truth_lost: Whether less than 0.001 of the last belief lies near the truth.
         n_particles: Mean over the steps; None if the belief is not made of particles.
         act_ms: Mean duration of a decision [ms].
@@ -49,6 +51,7 @@ class Record:
         notice_steps: From then until the belief let go; -1 if it did not.
         recover_steps: From then until a right declaration; -1 if there was none.
         false_alarm: Whether the belief gave up a right pose with nobody having touched the robot.
+        likeliest: In a maze, whether the most likely state was the true one at the end.
         gains: What the agent expected of each scan it planned for and what that scan gave,
             ``(expected, realised)`` [nat] each: :mod:`activeloc.agents.evaluation.gains`. Empty
             if it was not asked for.
@@ -77,6 +80,7 @@ class Record:
     notice_steps: int = -1
     recover_steps: int = -1
     false_alarm: bool = False
+    likeliest: bool = False
     gains: tuple[tuple[float, float], ...] = ()
 
     @property

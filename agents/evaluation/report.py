@@ -17,7 +17,7 @@ from __future__ import annotations
 import csv
 import json
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import cached_property
 from importlib import metadata
@@ -78,7 +78,17 @@ class Report:
     @cached_property
     def scores(self) -> dict[str, dict[str, Estimate]]:
         """By agent, each score with its interval."""
-        return {name: statistics.estimates(c) for name, c in self._columns.items()}
+        kinds = self._kinds
+        return {name: statistics.estimates(c, kinds) for name, c in self._columns.items()}
+
+    @property
+    def _is_maze(self) -> bool:
+        return self.sweep.config().task.kind == "maze"
+
+    @property
+    def _kinds(self) -> Mapping[str, statistics.Statistic]:
+        """The scores that suit the task."""
+        return statistics.MAZE_SCORES if self._is_maze else statistics.SCORES
 
     @cached_property
     def kidnap_scores(self) -> dict[str, dict[str, Estimate]]:
@@ -105,8 +115,8 @@ class Report:
     def differences(self) -> dict[str, dict[str, Estimate]]:
         """By agent but the first, each score less the first agent's, episode by episode."""
         first, *others = self._columns
-        baseline = self._columns[first]
-        return {n: statistics.differences(self._columns[n], baseline) for n in others}
+        baseline, kinds = self._columns[first], self._kinds
+        return {n: statistics.differences(self._columns[n], baseline, kinds) for n in others}
 
     @cached_property
     def _columns(self) -> dict[str, dict[str, NDArray[np.float64]]]:
@@ -128,8 +138,10 @@ class Report:
         }
 
     def episodes_csv(self) -> bytes:
-        """One row for each record; a kidnapped robot's has four columns more."""
+        """One row for each record; a kidnapped robot's has four columns more, a maze's one."""
         columns = dict(_COLUMNS)
+        if self._is_maze:
+            columns["likeliest"] = "likeliest"
         if self._kidnapped:
             columns |= {name: name for name in _KIDNAP_COLUMNS}
         rows = [
@@ -152,7 +164,7 @@ class Report:
         sweep = self.sweep
         return {
             "command": self.command,
-            "configuration": {**sweep.identity(), "map": sweep.map.spec},
+            "configuration": {**sweep.identity(), "map": sweep.where},
             "seed": sweep.seed,
             "episodes": sweep.episodes,
             "steps": sweep.limit,

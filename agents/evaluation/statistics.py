@@ -63,6 +63,17 @@ SCORES: dict[str, Statistic] = {
 """What is said of an agent: shares of right and of wrong-and-sure episodes, share of declarations
 that were wrong, mean steps with failures at the limit, mean penalised area, median final errors."""
 
+MAZE_SCORES: dict[str, Statistic] = {
+    "right": _mean("success"),
+    "likeliest": _mean("likeliest"),
+    "wrong": _mean("wrong"),
+    "return": _mean("total_reward"),
+    "steps": _mean("steps"),
+    "entropy_auc": _mean("entropy_auc"),
+}
+"""What is said of an agent in mazes: shares of episodes in which the belief was certain and right,
+had its peak at the truth, and was sure and wrong; mean returns, steps and areas."""
+
 
 def _of_kidnapped(has: str) -> Statistic:
     """Share of the episodes with a kidnapping in which a time is not -1."""
@@ -100,10 +111,14 @@ KIDNAP_SCORES: dict[str, Statistic] = {
 recovered from, mean steps until then over those, share of all episodes with a false alarm before
 any kidnapping."""
 
-_SHARES = ("right", "wrong", "wrong_of_declared", "noticed", "recovered", "false_alarm")
+_SHARES = (
+    *("right", "likeliest", "wrong", "wrong_of_declared"),
+    *("noticed", "recovered", "false_alarm"),
+)
 _COLUMNS = (
     *("success", "wrong", "steps", "entropy_auc", "error_m", "error_rad"),
     *("kidnapped", "notice_steps", "recover_steps", "false_alarm"),
+    *("likeliest", "total_reward"),
 )
 
 
@@ -160,7 +175,9 @@ def _among(share: str, columns: Columns) -> int:
     return len(columns["success"])
 
 
-def differences(columns: Columns, baseline: Columns) -> dict[str, Estimate]:
+def differences(
+    columns: Columns, baseline: Columns, scores: Mapping[str, Statistic] = SCORES
+) -> dict[str, Estimate]:
     """Each score less the baseline's, over the same episodes.
 
     But for ``wrong_of_declared``: no two agents declare in the same episodes.
@@ -168,13 +185,14 @@ def differences(columns: Columns, baseline: Columns) -> dict[str, Estimate]:
     Args:
         columns: As :func:`columns_of` gives them.
         baseline: Of the other agent: the same episodes, in the same order.
+        scores: Which.
     """
     drawn, drawn_baseline = _resampled(columns), _resampled(baseline)
     return {
         name: _estimate(
             float(score(columns)) - float(score(baseline)), drawn(score) - drawn_baseline(score)
         )
-        for name, score in SCORES.items()
+        for name, score in scores.items()
         if name != "wrong_of_declared"
     }
 

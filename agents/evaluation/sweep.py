@@ -20,15 +20,19 @@ import numpy as np
 
 import activeloc
 from activeloc import checks
-from activeloc.agents import make_agent
+from activeloc.agents import Agent, make_agent
+from activeloc.agents.evaluation.starts import Starts
 from activeloc.configuration import unknown
 from activeloc.envs import ENVIRONMENTS, MAX_EPISODE_STEPS
-from activeloc.envs.episodes import EpisodeConfig
+from activeloc.envs.maze_episodes import MazeConfig
+from activeloc.envs.worlds import AnyConfig, configure
 from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
 from activeloc.maps import MapSource
 
 MAX_SEED = 2**63 - 1
+METRIC_ONLY = ("spin", "active")
+"""Agents that play no mazes."""
 MAX_EPISODES = 1_000_000
 MAX_STEPS = 1_000_000
 
@@ -46,6 +50,8 @@ class Sweep:
         episodes: How many each agent plays.
         seed: All chance follows from it.
         limit: Steps after which an episode has failed.
+        gains: Whether planners' expected and realised gains are recorded; it costs time.
+        starts: Mazes and starts to play, one an episode, instead of the map source's.
 
     Raises:
         ConfigError: If a name is unknown or a value refused.
@@ -59,6 +65,8 @@ class Sweep:
     episodes: int = 16
     seed: int = 0
     limit: int = MAX_EPISODE_STEPS
+    gains: bool = False
+    starts: Starts | None = None
 
     def __post_init__(self) -> None:
         if self.env not in ENVIRONMENTS:
@@ -66,15 +74,54 @@ class Sweep:
         checks.integer("episodes", self.episodes, 1, MAX_EPISODES)
         checks.integer("seed", self.seed, 0, MAX_SEED)
         checks.integer("steps", self.limit, 1, MAX_STEPS)
+        checks.boolean("gains", self.gains)
         if not self.agents:
             raise ConfigError("agents: at least one is needed")
-        for name, settings in self.agents.items():
-            make_agent(name, settings)
-        self.config()
+        for name in self.agents:
+            self.agent(name)
+        config = self.config()
+        if isinstance(config, MazeConfig):
+            self._check_mazes(config)
+        elif self.starts is not None:
+            raise ConfigError(f"starts are for mazes; {self.env} is none")
 
-    def config(self) -> EpisodeConfig:
+    def _check_mazes(self, config: MazeConfig) -> None:
+        for name in self.agents:
+            if name in METRIC_ONLY:
+                raise ConfigError(f"agent {name} plays no mazes; {self.env} is one")
+        if self.gains:
+            raise ConfigError("gains are not recorded in mazes")
+        if self.starts is None:
+            return
+        if self.episodes > len(self.starts):
+            raise ConfigError(
+                f"episodes must be at most the {len(self.starts)} of {self.starts.name}; "
+                f"got {self.episodes}"
+            )
+        if self.starts.free.shape[1:] != (config.size, config.size):
+            raise ConfigError(
+                f"{self.starts.name}: grids are {self.starts.free.shape[1:]}; {self.env} needs "
+                f"{config.size} x {config.size}"
+            )
+
+    def config(self) -> AnyConfig:
         """The environment's settings, every default filled in."""
-        return EpisodeConfig.build({**ENVIRONMENTS[self.env], **self.settings, "map": self.map})
+        return configure({**ENVIRONMENTS[self.env], **self.settings, "map": self.map})
+
+    def options(self, episode: int) -> dict[str, Any]:
+        """What the environment is reset with for an episode."""
+        if self.starts is not None:
+            return self.starts.options(episode)
+        return {"map": self.map.number(self.map_number(episode))}
+
+    @property
+    def where(self) -> str:
+        """What the episodes are played on, in a word."""
+        return self.map.spec if self.starts is None else self.starts.name
+
+    def agent(self, name: str) -> Agent:
+        """A new agent of the sweep's, for its environment."""
+        return make_agent(name, self.agents[name], self.env)
 
     def map_number(self, episode: int) -> int:
         """Which of the source's maps an episode is played on."""
@@ -101,9 +148,9 @@ class Sweep:
             "settings": plain(self.config()),
             "seed": self.seed,
             "steps": self.limit,
-            "agents": {
-                name: plain(make_agent(name, settings)) for name, settings in self.agents.items()
-            },
+            "gains": self.gains,
+            **({} if self.starts is None else {"starts": self.starts.digest}),
+            "agents": {name: plain(self.agent(name)) for name in self.agents},
         }
 
 

@@ -76,7 +76,7 @@ def test_a_clock_that_has_run_out_still_gives_an_action():
 
 
 @pytest.mark.parametrize(
-    "settings", [{"steps": 0}, {"steps": 11}, {"samples": 1}, {"readings": 0}, {"seconds": -1.0}]
+    "settings", [{"steps": 0}, {"steps": 13}, {"samples": 1}, {"readings": 0}, {"seconds": -1.0}]
 )
 def test_settings_out_of_range_are_refused(settings):
     with pytest.raises(ConfigError, match=f"agent lookahead.{next(iter(settings))}"):

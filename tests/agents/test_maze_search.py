@@ -1,5 +1,7 @@
 """The counting planner against the slow, obvious expectation over policies."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -89,7 +91,7 @@ def test_parts_are_the_states_that_read_alike():
         parts = split(successor, reading, states, action, out, ends)
         assert sorted(out) == sorted(successor[states, action])
         starts = [0, *ends[:parts]]
-        groups = [set(reading[out[a:b]]) for a, b in zip(starts, starts[1:], strict=False)]
+        groups = [set(reading[out[a:b]]) for a, b in pairwise(starts)]
         assert all(len(group) == 1 for group in groups)
         assert len(set.union(*groups)) == parts == len(set(reading[successor[states, action]]))
 

@@ -14,7 +14,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import activeloc  # noqa: F401  (registers the ids)
-from activeloc.envs import ENVIRONMENTS
+from activeloc.envs import ENVIRONMENTS, MAX_EPISODE_STEPS, STEPS
 from activeloc.envs.localization import LocalizationEnv
 from activeloc.errors import ConfigError, MapError
 from activeloc.maps import MapSource, from_text
@@ -29,7 +29,10 @@ SIZES = {
     "particles": {"kind": "particles", "n_min": 1000, "n_max": 20_000},
 }
 IDS = sorted(id for id in gym.registry if id.startswith("activeloc/"))
-CASES = list(itertools.product(IDS, BELIEFS))
+MAZES = [id for id in IDS if "Maze" in id]
+METRIC = [id for id in IDS if id not in MAZES]
+MAZE = "maze"  # Stands for the belief and the map, which a maze's id brings with it.
+CASES = [*itertools.product(METRIC, BELIEFS), *((id, MAZE) for id in MAZES)]
 GLOBAL = "activeloc/GlobalLocalization-v0"
 INFO_KEYS = {
     "entropy": float,
@@ -40,12 +43,31 @@ INFO_KEYS = {
     "is_success": bool,
     "wrong": bool,
     "impossible": int,
+    "dropped": int,
     "touched": bool,
     "kidnapped": bool,
+    "noticed": bool,
+    "notice_steps": int,
+    "recover_steps": int,
+    "false_alarm": bool,
     "reward_information": float,
     "reward_step": float,
     "reward_success": float,
     "reward_wrong": float,
+}
+MAZE_INFO_KEYS = {
+    "entropy": float,
+    "entropy_fraction": float,
+    "mass": float,
+    "error_m": float,
+    "error_rad": float,
+    "is_success": bool,
+    "likeliest_is_true": bool,
+    "wrong": bool,
+    "success_step": int,
+    "impossible": int,
+    "depth": int,
+    "reward_largest": float,
 }
 HALL = from_text(
     """
@@ -66,6 +88,8 @@ every_environment = pytest.mark.parametrize(("id", "belief"), CASES)
 
 
 def make(id=GLOBAL, belief="histogram", **settings):
+    if belief == MAZE:
+        return gym.make(id, **settings)
     belief = belief if isinstance(belief, dict) else BELIEFS[belief]
     return gym.make(id, map=MAP, belief=belief, **settings)
 
@@ -80,7 +104,7 @@ def digest(id, belief, map, seed, steps):
     import activeloc  # noqa: F401, F811
 
     said = hashlib.sha256()
-    env = gym.make(id, map=map, belief=belief)
+    env = gym.make(id) if belief is None else gym.make(id, map=map, belief=belief)
     actions = np.random.default_rng(seed)
     results = env.reset(seed=seed)
     for _ in range(steps):
@@ -155,10 +179,13 @@ def check_results(env, results):
     for name, value in observation.items():
         assert value.dtype == np.float32
         assert value.shape == env.observation_space[name].shape
-    assert {name: type(value) for name, value in info.items()} == INFO_KEYS
+    in_maze = env.spec.id in MAZES
+    keys = MAZE_INFO_KEYS if in_maze else INFO_KEYS
+    assert {name: type(value) for name, value in info.items()} == keys
     assert np.isfinite([float(v) for v in info.values()]).all()
     belief = env.unwrapped.knowledge.belief
-    assert belief.view(0, 8, 32, 32).sum() == pytest.approx(1.0, abs=1e-4)
+    mass = belief.bel[0].sum() if in_maze else belief.view(0, 8, 32, 32).sum()
+    assert mass == pytest.approx(1.0, abs=1e-4)
     if len(results) == 2:
         return False
     reward, terminated, truncated = results[1:4]
@@ -208,7 +235,7 @@ def test_observations_and_infos_of_other_settings(settings, space):
 @pytest.mark.slow
 @every_environment
 def test_observations_and_infos_at_full_size(id, belief):
-    env = make(id, SIZES[belief])
+    env = make(id, SIZES.get(belief, MAZE))
     n_steps, n_ends = check_episodes(env, 100, 200)
     print(f"{id} {belief}: {n_steps} steps, {n_ends} ends, all as promised")
 
@@ -245,7 +272,7 @@ def test_results_are_new_objects(belief):
 
 @every_environment
 def test_one_seed_says_the_same_bytes(id, belief):
-    setting = BELIEFS[belief]
+    setting = BELIEFS.get(belief)
     first = digest(id, setting, MAP, 4, 30)
     assert digest(id, setting, MAP, 4, 30) == first
     assert digest(id, setting, MAP, 5, 30) != first
@@ -253,7 +280,7 @@ def test_one_seed_says_the_same_bytes(id, belief):
 
 def test_another_process_says_the_same_bytes():
     """Neither the order of sets nor an address finds its way into an episode."""
-    cases = [(id, BELIEFS[belief], MAP, 6, 30) for id, belief in CASES]
+    cases = [(id, BELIEFS.get(belief), MAP, 6, 30) for id, belief in CASES]
     code = (
         f"{inspect.getsource(digest)}\nimport json, sys\n"
         "print(json.dumps([digest(*case) for case in json.loads(sys.argv[1])]))"
@@ -313,11 +340,11 @@ def test_the_time_limit_truncates_and_does_not_terminate():
     assert flags == [(False, False)] * 6 + [(False, True)]
 
 
-@pytest.mark.parametrize("id", IDS)
+@pytest.mark.parametrize("id", METRIC)
 def test_the_spec_is_plain_data(id):
     env = make(id, "particles", actions="discrete+stay")
     twin = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
-    assert env.spec.max_episode_steps == 150
+    assert env.spec.max_episode_steps == STEPS.get(id, MAX_EPISODE_STEPS)
     same(env.reset(seed=2), twin.reset(seed=2))
     same(env.step(3), twin.step(3))
 
@@ -367,7 +394,7 @@ def test_rendering_without_a_mode_warns():
 
 
 @pytest.mark.parametrize("belief", BELIEFS)
-@pytest.mark.parametrize("id", IDS)
+@pytest.mark.parametrize("id", METRIC)
 def test_a_caller_says_where_the_robot_starts(id, belief):
     env = make(id, belief).unwrapped
     observation, _ = env.reset(seed=1, options={"grid": HALL, "pose": (2.6, 3.3, 1.5 * np.pi)})

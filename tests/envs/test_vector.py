@@ -20,7 +20,7 @@ BELIEFS = {
     "histogram": {"kind": "histogram", "cell_size": 0.25, "headings": 36},
     "particles": {"kind": "particles", "n_min": 200, "n_max": 500},
 }
-IDS = sorted(id for id in gym.registry if id.startswith("activeloc/"))
+IDS = sorted(id for id in gym.registry if id.startswith("activeloc/") and "Maze" not in id)
 GLOBAL = "activeloc/GlobalLocalization-v0"
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)
 CELL = from_text("####\n#..#\n#..#\n#.##\n####", resolution=0.5)

@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from activeloc.errors import ConfigError
 from activeloc.grid import Cell
-from activeloc.maps.maze import Maze
+from activeloc.maps.maze import Maze, is_symmetric
 
 
 def mazes(size, n, seed=0):
@@ -86,3 +86,57 @@ def test_cells_are_of_the_resolution_asked_for():
 def test_refuses_sizes(size):
     with pytest.raises(ConfigError, match=r"size must be .*; got|size must be odd, got 6"):
         Maze(size=size)
+
+
+def eller(n, rng):
+    """The law again, with sets of rooms: cells ``(2 n + 1, 2 n + 1)``, the top row drawn first."""
+    cells = np.ones((2 * n + 1, 2 * n + 1), dtype=np.uint8)
+    cells[1::2, 1::2] = 0
+    part = [{col} for col in range(n)]  # The rooms of the row that hang together with each.
+    for row in range(n):
+        y, last = 2 * (n - row) - 1, row == n - 1
+        sideways, down = rng.random((2, n))
+        alive = [set(one) for one in part]
+        new = [{col} for col in range(n)]
+        leads_down = [False] * n
+        for col in range(n):
+            alone = len(alive[col]) == 1
+            apart = col + 1 < n and col + 1 not in alive[col]
+            if apart and ((last and alone) or sideways[col] < 2 / 3):
+                cells[y, 2 * col + 2] = 0
+                joined = alive[col] | alive[col + 1]
+                for other in joined:
+                    alive[other] = joined
+                alone = False
+            if last or (not alone and down[col] < 2 / 3):
+                for other in alive[col] - {col}:
+                    alive[other] = alive[other] - {col}
+                alive[col] = {col}
+            else:
+                cells[y - 1, 2 * col + 1] = 0
+                leads_down[col] = True
+        for col in range(n):
+            if leads_down[col]:
+                new[col] = alive[col]
+        part = new
+    return cells
+
+
+@pytest.mark.parametrize("size", [5, 7, 15, 21])
+def test_draws_what_rooms_kept_in_sets_give(size):
+    ours, theirs = np.random.default_rng(size), np.random.default_rng(size)
+    for _ in range(40):
+        cells = Maze(size).draw(ours)
+        while True:
+            expected = eller((size - 1) // 2, theirs)
+            turned = np.rot90(expected)
+            if not (np.array_equal(expected, turned) or np.array_equal(expected, np.rot90(turned))):
+                break
+        np.testing.assert_array_equal(cells, expected)
+
+
+def test_symmetry_is_what_turning_finds():
+    for code in range(2**9):
+        cells = np.array([code >> i & 1 for i in range(9)], dtype=np.uint8).reshape(3, 3)
+        expected = any(np.array_equal(cells, np.rot90(cells, quarters)) for quarters in (1, 2))
+        assert is_symmetric(cells) == expected
