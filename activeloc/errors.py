@@ -27,3 +27,7 @@ class ScanError(ActiveLocError):
 
 class LogError(ActiveLocError):
     """A recorded run, or the file it was to be read from, cannot be used."""
+
+
+class CheckpointError(ActiveLocError):
+    """A checkpoint or a policy's file is not whole, not ours, or does not go with the run."""

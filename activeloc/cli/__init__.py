@@ -26,7 +26,7 @@ from typing import NoReturn
 
 import typer
 
-from activeloc.cli import envs, evaluate, run
+from activeloc.cli import calibrate, envs, evaluate, export, localize, run
 from activeloc.cli import map as map_command
 from activeloc.errors import ActiveLocError
 
@@ -38,8 +38,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+app.command("calibrate", help=calibrate.HELP)(calibrate.calibrate)
 app.command("envs", help=envs.HELP)(envs.envs)
 app.command("evaluate", help=evaluate.HELP)(evaluate.evaluate)
+app.command("export", help=export.HELP)(export.export)
+app.command("localize", help=localize.HELP)(localize.localize)
 app.command("run", help=run.HELP)(run.run)
 app.add_typer(map_command.app, name="map")
 
