@@ -45,6 +45,7 @@ QUICK = {
     "random": {},
     "spin": {},
     "greedy": {"samples": 60, "readings": 4},
+    "lookahead": {"steps": 2, "samples": 60, "readings": 4},
     "active": {"samples": 60, "readings": 4, "bearings": 6},
 }
 NO_NOISE = MotionModel(MotionNoise(), MotionNoise())
