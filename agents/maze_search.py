@@ -73,64 +73,67 @@ def worth(
     reading: NDArray[np.int8],
     level: NDArray[np.int16],
     ends: NDArray[np.int32],
-    depth: int,
-    low: int,
-    high: int,
-    steps: int,
-    last: int,
     value: NDArray[np.float64],
-) -> float:
-    """W of the set ``level[depth, low:high]``: the most that ``steps`` steps can add up to.
+) -> None:
+    """W of the set ``level[0]`` by each first action: the most that K steps can add up to.
+
+    A walk down the tree of sets with a frame for each depth, since cached kernels cannot recurse.
 
     Args:
         successor: ``(S, 3)``.
         reading: ``(S,)``.
         level: ``(K + 1, n)``; sets on the way down, each under the one that it came from.
-        ends: ``(K + 1, n)``; their parts.
-        depth: Row of ``level``.
-        low: First state of the set.
-        high: One after the last.
-        steps: Left to plan.
-        last: Action before; a turn is not undone, for what it would show is known.
-        value: ``(3,)``, overwritten at depth 0 with each action's worth, exact for the best only.
+        ends: ``(K + 1, n)``; where their parts end, counted from the set's first state.
+        value: ``(3,)``, overwritten; exact for the best, and for others that were not cut.
     """
-    n = high - low
-    if steps == 0:
-        return 0.0
-    if n == 1 and depth > 0:
-        return float(steps)
-    best = -1.0
-    for order in range(3):
-        action = 2 - order  # Forward first: of equals it is the one that leads somewhere.
-        if depth > 0:
-            if (action == 0 and last == 1) or (action == 1 and last == 0):
-                continue
-            if action == 2 and reading[level[depth, low]] == 1:
-                continue  # Into the wall: nothing moves and nothing new is read.
-        parts = split(
-            successor, reading, level[depth, low:high], action,
-            level[depth + 1, low:high], ends[depth + 1, low:high],
-        )  # fmt: skip
-        total = float(parts)
-        left = float(n * (steps - 1))
-        begin = 0
-        for part in range(parts):
-            if depth > 0 and total + left <= best:
-                break
-            end = ends[depth + 1, low + part]
-            size = end - begin
-            left -= size * (steps - 1)
-            total += worth(
-                successor, reading, level, ends, depth + 1, low + begin, low + end,
-                steps - 1, action, value,
-            )  # fmt: skip
-            begin = end
-        if depth == 0:
-            value[action] = total
-        elif total + left <= best:
+    horizon = level.shape[0] - 1
+    low, high = np.zeros(horizon, dtype=np.int64), np.zeros(horizon, dtype=np.int64)
+    order, last = np.full(horizon, -1), np.full(horizon, -1)
+    part, parts, begin = np.zeros(horizon, np.int64), np.zeros(horizon, np.int64), order.copy()
+    total, left, best = np.zeros(horizon), np.zeros(horizon), np.full(horizon, -1.0)
+    high[0] = level.shape[1]
+    d = 0
+    while True:
+        n, steps = high[d] - low[d], horizon - d
+        if part[d] < parts[d] and (d == 0 or total[d] + left[d] > best[d]):
+            # The next part of what the action splits the set into.
+            end = np.int64(ends[d + 1, low[d] + part[d]])
+            size = end - begin[d]
+            left[d] -= size * (steps - 1)
+            part[d] += 1
+            first = low[d] + begin[d]
+            begin[d] = end
+            if size == 1:
+                total[d] += steps - 1
+            elif steps > 1:
+                last[d + 1] = 2 - order[d]
+                d += 1
+                low[d], high[d], order[d], best[d] = first, first + size, -1, -1.0
+                part[d] = parts[d] = 0
             continue
-        best = max(best, total)
-    return best
+        if order[d] >= 0:  # The action is done, or cut because it cannot win.
+            if d == 0:
+                value[2 - order[d]] = total[d]
+            best[d] = max(best[d], total[d])
+        order[d] += 1
+        if order[d] == 3:
+            if d == 0:
+                return
+            d -= 1
+            total[d] += best[d + 1]
+            continue
+        action = 2 - order[d]  # Forward first: of equals it is the one that leads somewhere.
+        part[d] = parts[d] = begin[d] = 0
+        total[d] = left[d] = 0.0
+        undone = (action == 0 and last[d] == 1) or (action == 1 and last[d] == 0)
+        # Into the wall nothing moves and nothing new is read; a turn back shows what is known.
+        if d > 0 and (undone or (action == 2 and reading[level[d, low[d]]] == 1)):
+            continue
+        parts[d] = split(
+            successor, reading, level[d, low[d] : high[d]], action,
+            level[d + 1, low[d] : high[d]], ends[d + 1, low[d] : high[d]],
+        )  # fmt: skip
+        total[d], left[d] = float(parts[d]), float(n * (steps - 1))
 
 
 @njit(cache=True, nogil=True)
@@ -160,7 +163,7 @@ def plan_all(
         level = np.empty((k + 1, n), dtype=np.int16)
         ends = np.empty((k + 1, n), dtype=np.int32)
         level[0] = states[b, :n]
-        worth(successor[b], reading[b], level, ends, 0, 0, n, k, -1, values[b])
+        worth(successor[b], reading[b], level, ends, values[b])
         values[b] /= n * k
 
 
@@ -203,54 +206,56 @@ def noisy_worth(
     confusion: NDArray[np.float64],
     level: NDArray[np.float64],
     moved: NDArray[np.float64],
-    at: int,
-    steps: int,
-    last: int,
     value: NDArray[np.float64],
-) -> float:
-    """V of the joint probabilities ``level[at]``.
+) -> None:
+    """V of the probabilities ``level[0]`` by each first action; a frame a depth, as :func:`worth`.
 
     Args:
         target: ``(S * J,)``.
         depth: ``(S,)``; less one.
         p_step: ``(J,)``.
         confusion: ``(D, Z)``; p(reading | depth), both less one.
-        level: ``(K + 1, S)``; overwritten below ``at``.
+        level: ``(K + 1, S)``; overwritten below the first row.
         moved: ``(K, S)``, overwritten.
-        at: Row of ``level``.
-        steps: Left to plan.
-        last: Action before; a turn is not undone.
-        value: ``(3,)``, overwritten at row 0 with each action's worth.
+        value: ``(3,)``, overwritten.
     """
-    if steps == 0:
-        return 0.0
-    best = -1.0
-    for order in range(3):
-        action = 2 - order
-        if at > 0 and ((action == 0 and last == 1) or (action == 1 and last == 0)):
-            continue
-        predict(level[at], action, target, p_step, moved[at])
-        total = 0.0
-        for z in range(confusion.shape[1]):
+    horizon, n_readings = moved.shape[0], confusion.shape[1]
+    order = np.full(horizon, -1)
+    z = np.full(horizon, n_readings)
+    total, best = np.zeros(horizon), np.full(horizon, -1.0)
+    d = 0
+    while True:
+        if z[d] < n_readings:
             largest, mass = 0.0, 0.0
             for s in range(depth.shape[0]):
-                q = moved[at, s]
+                q = moved[d, s]
                 if q > 0.0:
-                    q *= confusion[depth[s], z]
+                    q *= confusion[depth[s], z[d]]
                     mass += q
                     largest = max(largest, q)
-                level[at + 1, s] = q
+                level[d + 1, s] = q
+            z[d] += 1
             if mass > 1e-9:
-                total += largest
-                if steps > 1:
-                    total += noisy_worth(
-                        target, depth, p_step, confusion, level, moved, at + 1, steps - 1,
-                        action, value,
-                    )  # fmt: skip
-        if at == 0:
-            value[action] = total
-        best = max(best, total)
-    return best
+                total[d] += largest
+                if d + 1 < horizon:
+                    d += 1
+                    order[d], z[d], best[d] = -1, n_readings, -1.0
+            continue
+        if order[d] >= 0:
+            if d == 0:
+                value[2 - order[d]] = total[d]
+            best[d] = max(best[d], total[d])
+        order[d] += 1
+        if order[d] == 3:
+            if d == 0:
+                return
+            d -= 1
+            total[d] += best[d + 1]
+            continue
+        action = 2 - order[d]
+        total[d] = 0.0
+        predict(level[d], action, target, p_step, moved[d])
+        z[d] = 0
 
 
 @njit(cache=True, nogil=True)
@@ -282,9 +287,7 @@ def plan_all_noisy(
         b, n = robots[i], 4 * n_cells[robots[i]]
         level, moved = np.empty((steps + 1, n)), np.empty((steps, n))
         level[0] = bel[b, :n]
-        noisy_worth(
-            target[b], depth[b, :n], p_step, confusion, level, moved, 0, steps, -1, values[i]
-        )
+        noisy_worth(target[b], depth[b, :n], p_step, confusion, level, moved, values[i])
         values[i] /= steps
 
 

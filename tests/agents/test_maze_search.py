@@ -2,10 +2,11 @@
 
 from itertools import pairwise
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
-from activeloc.agents.maze_search import optimum, plan_all, split
+from activeloc.agents.maze_search import optimum, plan_all, plan_values, split
 from activeloc.maps.maze import Maze
 from activeloc.sensors.depth import depths
 
@@ -94,6 +95,46 @@ def test_parts_are_the_states_that_read_alike():
         groups = [set(reading[out[a:b]]) for a, b in pairwise(starts)]
         assert all(len(group) == 1 for group in groups)
         assert len(set.union(*groups)) == parts == len(set(reading[successor[states, action]]))
+
+
+def noisy_value(lattice, p, steps):
+    """By Bayes' rule, normalised at every reading; the belief as a dictionary of states."""
+    if steps == 0:
+        return 0.0, None
+    worths = []
+    n_steps, depth = len(lattice.p_step), lattice.depth[0].reshape(-1)
+    for action in range(3):
+        bar = {}
+        for s, mass in p.items():
+            c, k = divmod(s, 4)
+            if action == 2:
+                for j, p_j in enumerate(lattice.p_step):
+                    to = 4 * int(lattice.target[0, s * n_steps + j]) + k
+                    bar[to] = bar.get(to, 0.0) + mass * p_j
+            else:
+                to = 4 * c + (k + (1 if action == 0 else 3)) % 4
+                bar[to] = bar.get(to, 0.0) + mass
+        worth = 0.0
+        for z in range(lattice.sensor.confusion.shape[1]):
+            joint = {s: m * lattice.sensor.confusion[depth[s], z] for s, m in bar.items()}
+            evidence = sum(joint.values())
+            if evidence > 0.0:
+                bel = {s: m / evidence for s, m in joint.items() if m > 0.0}
+                worth += evidence * (max(bel.values()) + noisy_value(lattice, bel, steps - 1)[0])
+        worths.append(worth)
+    return max(worths), worths
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noisy_plans_are_worth_what_bayes_rule_says(seed):
+    env = gym.make("activeloc/NoisyMaze9-v0", disable_env_checker=True).unwrapped
+    env.reset(seed=seed)
+    knowledge = env.knowledge
+    held = knowledge.belief.candidates()
+    p = {int(s): float(m) for s, m in zip(held.states[0], held.p[0], strict=True) if m > 0.0}
+    for steps in (1, 2):
+        values = plan_values(knowledge, steps)[0] * steps
+        np.testing.assert_allclose(values, noisy_value(knowledge.lattice, p, steps)[1], rtol=1e-6)
 
 
 def test_a_known_state_is_worth_a_step_each():
