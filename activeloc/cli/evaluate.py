@@ -97,7 +97,7 @@ def evaluate(
     given = None if starts is None else evaluation.Starts.load(starts)
     if episodes is None:
         episodes = 16 if given is None else len(given)
-    names = options.split_agents(agents or options.default_agents(env))
+    names = options.split_agents(options.default_agents(env) if agents is None else agents)
     sweep = options.make_sweep(
         env, map_spec, belief, names, settings or [], seed, steps, episodes, "office:0-3"
     )

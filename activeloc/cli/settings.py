@@ -81,7 +81,7 @@ def make_sweep(
     base.pop("map", None)
     return Sweep(
         env=name,
-        map=MapSource.parse(map_spec or ENVIRONMENTS[name].get("map", maps)),
+        map=MapSource.parse(ENVIRONMENTS[name].get("map", maps) if map_spec is None else map_spec),
         agents={agent: given.get(agent, {}) for agent in agents},
         settings=_merged(base, tree),
         episodes=episodes,
