@@ -160,7 +160,7 @@ def test_what_is_forecast_is_a_law(belief):
 
 def test_a_reading_counts_in_a_histogram_as_in_imagination():
     """Each state's mass grows by its law to the filter's power."""
-    knowledge = env_of({**COARSE, "likelihood_power": 0.6}).knowledge
+    knowledge = env_of({**COARSE, "likelihood_power": 0.6, "leak": 0.0}).knowledge
     belief = knowledge.belief
     poses = belief.sample(0, 200, np.random.default_rng(0))
     rows, log_p, power = law_of(knowledge, poses)

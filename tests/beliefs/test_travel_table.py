@@ -158,6 +158,8 @@ def test_contact_is_near_the_share_of_all_poses_of_the_state():
 
 def fresh(motion=MOTION):
     config = HistogramConfig(
+        slip=0.0,
+        leak=0.0,
         cell_size=0.2,
         headings=72,
         contact_floor=0.02,
