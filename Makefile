@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint figures bench clean
+.PHONY: demo test coverage lint figures bench clean
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
@@ -25,7 +25,10 @@ demo: $(STAMP)-demo  ## a table of agents, curves and a film, in demo/
 	@echo "demo/ holds entropy.png, episodes.csv, curves.csv, summary.json and active.gif"
 
 test: $(STAMP)-dev lint  ## every quick check
-	$(BIN)/python -m pytest -n 2 --dist loadfile --cov --cov-report=term --cov-fail-under=90
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile
+
+coverage: $(STAMP)-dev  ## the quick checks again, with their coverage: about two minutes longer
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile --cov --cov-report=term --cov-fail-under=90
 
 lint: $(STAMP)-dev
 	$(BIN)/ruff check .

@@ -280,6 +280,7 @@ def test_a_replicate_follows_from_seed_start_and_number(belief):
     assert np.isfinite(first.nees).all()
 
 
+@pytest.mark.slow
 def test_processes_do_not_change_the_results():
     few = replace(experiment(), steps=1)
     done = []
@@ -385,6 +386,7 @@ def test_too_sharp_a_sensor_is_found():
     assert calibrate(experiment(sensor=many, defect="sigma"), 300, 0).least_p < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("defect", ["cubed", "half-cell", "kept-weights"])
 def test_a_planted_defect_of_the_particle_filter_is_found(defect):
     many = replace(SENSOR, beams=6, field_of_view=3.0)
@@ -392,6 +394,7 @@ def test_a_planted_defect_of_the_particle_filter_is_found(defect):
     assert report.least_p < 1e-6
 
 
+@pytest.mark.slow
 def test_the_defective_cloud_without_its_defect_is_sound():
     """What the planted filters share (their own weights and resampling) is not what is found."""
     from activeloc.calibration.defects import _OwnWeights

@@ -612,6 +612,7 @@ def test_small_heading_noise_adds_up_until_it_counts():
     assert heading == pytest.approx(np.sqrt(2 * 60) * 0.05 * 0.1, rel=0.2)
 
 
+@pytest.mark.slow
 def test_the_spread_of_a_long_travel_is_that_of_one_travel():
     place, _ = spread_after(MotionNoise(0.0, 0.0, 0.1), [(0.0, 8.0, 0.0)])
     assert place == pytest.approx(0.8, rel=0.2)

@@ -63,6 +63,7 @@ def test_a_planted_defect_is_named_and_found(capsys):
     assert "ranks are NOT uniform" in out
 
 
+@pytest.mark.slow
 def test_earlier_results_are_replaced_when_asked(place):
     command = f"calibrate {FEW} --out old"
     assert main(command.split()) == 2

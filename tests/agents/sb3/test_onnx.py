@@ -39,7 +39,10 @@ def run(tmp_path_factory):
     return of
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "recurrent_ppo", "dqn"])
+@pytest.mark.parametrize(
+    "algorithm",
+    ["ppo", *(pytest.param(other, marks=pytest.mark.slow) for other in ("recurrent_ppo", "dqn"))],
+)
 def test_it_takes_the_actions_that_sb3_takes(make_config, run, home, algorithm):
     """Over whole episodes, so that the memory counts; logits of random observations are compared
     by the export itself."""

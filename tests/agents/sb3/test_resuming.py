@@ -95,6 +95,7 @@ def test_an_interrupted_run_ends_with_the_same_bits(
     assert digest(train(config, tmp_path, resume=True)) == uninterrupted(config)
 
 
+@pytest.mark.slow
 def test_interrupted_again_and_again(make_config, uninterrupted, tmp_path, monkeypatch):
     config = make_config(evaluate_every=2, n_eval_episodes=2)
     for number in range(12):
