@@ -10,11 +10,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from activeloc.motion import MARGIN
 from activeloc.range_table import cast_level, cell_of, directions_of
 from activeloc.raycast import cast_ray
 
-# A ray stops this far before the square that it touches [cell], and so never ends on its edge.
-MARGIN = 1e-6
 # From a point of a cell to its centre, and from a blocked cell's centre to its corner [cell]; the
 # float32 of ``room`` is off by up to a thousandth.
 SLACK = float(np.sqrt(2.0)) + 1e-3
