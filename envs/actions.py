@@ -66,6 +66,22 @@ class Actions:
             raise ActionError(f"action must be an integer in [0, {n - 1}]; got {action!r}")
         return self.commands[int(given)]
 
+    def words(self, action: object) -> str:
+        """An action for people to read: ``turn left 30 deg``, ``drive 0.5 m``, both, or ``stay``.
+
+        Raises:
+            ActionError: If the action is not in the space.
+        """
+        turn, drive, _ = (float(value) for value in self.command(action))
+        parts = []
+        if turn != 0.0:
+            parts.append(
+                f"turn {'left' if turn > 0.0 else 'right'} {np.rad2deg(abs(turn)):.3g} deg"
+            )
+        if drive != 0.0:
+            parts.append(f"drive {drive:.3g} m")
+        return ", ".join(parts) or "stay"
+
     def _continuous(self, action: object) -> NDArray[np.float64]:
         given = _as_array(action)
         if given.dtype.kind not in "iuf" or given.shape != (2,):

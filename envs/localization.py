@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from activeloc.envs.worlds import AnyKnowledge, configure, episodes_of, observation_space
 from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
+
+if TYPE_CHECKING:
+    from activeloc.envs.rendering import Scene
 
 Observation = dict[str, NDArray[Any]]
 
@@ -159,6 +162,13 @@ class LocalizationEnv(gym.Env[Observation, Any]):
         """How much of the belief is near the true pose, for evaluation only; in a maze at it."""
         return self._episodes.probability_at_truth(0)
 
+    @property
+    def scene(self) -> Scene:
+        """What there is to see, the truth included: for pictures and recordings."""
+        from activeloc.envs.picture import scene_of
+
+        return scene_of(self._episodes, 0, self._history)
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
@@ -190,6 +200,6 @@ class LocalizationEnv(gym.Env[Observation, Any]):
         if self.render_mode is None:
             gym.logger.warn("render() needs render_mode='rgb_array' at make()")
             return None
-        from activeloc.envs.picture import picture_of
+        from activeloc.envs.rendering import draw
 
-        return picture_of(self._episodes, 0, self._history)
+        return draw(self.scene)

@@ -11,7 +11,7 @@ from activeloc.beliefs.particles import ParticleBelief
 from activeloc.beliefs.view import view_frame
 from activeloc.envs.episodes import Episodes
 from activeloc.envs.maze_episodes import MazeEpisodes
-from activeloc.envs.rendering import Scene, draw
+from activeloc.envs.rendering import Scene
 
 HEADINGS = 24
 PIXELS = 160
@@ -96,14 +96,3 @@ def _state(episodes: Episodes, robot: int) -> str:
     if episodes.terminated(robot):
         return "localized" if info["is_success"] else "wrong and sure"
     return f"{info['mass']:.0%} near the estimate"
-
-
-def picture_of(
-    episodes: Episodes | MazeEpisodes,
-    robot: int,
-    history: Sequence[float],
-    caption: str = "",
-    size: int = 600,
-) -> NDArray[np.uint8]:
-    """:func:`scene_of`, drawn: ``(H, W, 3)``."""
-    return draw(scene_of(episodes, robot, history, caption), size)

@@ -2,6 +2,19 @@
 
 from activeloc.envs.rendering.draw import draw
 from activeloc.envs.rendering.film import write_gif
+from activeloc.envs.rendering.page import page_of, write_page
+from activeloc.envs.rendering.recording import Recording, Tape, outcome_of
 from activeloc.envs.rendering.scene import Layout, Scene, layout
 
-__all__ = ["Layout", "Scene", "draw", "layout", "write_gif"]
+__all__ = [
+    "Layout",
+    "Recording",
+    "Scene",
+    "Tape",
+    "draw",
+    "layout",
+    "outcome_of",
+    "page_of",
+    "write_gif",
+    "write_page",
+]

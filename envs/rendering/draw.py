@@ -55,18 +55,29 @@ def draw(scene: Scene, size: int = 600) -> NDArray[np.uint8]:
 
 def _headings(scene: Scene, place: Layout, marks: Marks) -> None:
     """Wedges for the likely headings, at the likely places."""
+    poses = scene.headings if scene.headings is not None else likely_poses(scene, place)
+    for at, heading in zip(place.to_pixels(poses[:, :2]), poses[:, 2], strict=True):
+        marks.heading(_point(at), float(heading), 17.0 * place.unit)
+
+
+def likely_poses(scene: Scene, place: Layout) -> NDArray[np.float64]:
+    """Likely places with the headings that stand out there: ``(M, 3)``.
+
+    Args:
+        scene: With the belief.
+        place: Of the frame they are for: they are as far apart as it has room for.
+    """
     belief = np.asarray(scene.belief)
     if len(belief) < 2:
-        return
+        return np.empty((0, 3))
     cell = scene.belief_resolution * place.scale
     reach = max(0, round(_SPACING * place.unit / 2.0 / cell - 0.5))
     peaks = _peaks(scene.marginal, 2 * reach)
     centres, shares = _around(belief, peaks, reach)
-    places = place.to_pixels(centres * scene.belief_resolution + scene.belief_origin)
     bins, which = np.nonzero(_outstanding(shares))
-    for t, i in zip(bins, which, strict=True):
-        heading = float(-np.pi + (t + 0.5) * 2.0 * np.pi / len(belief))
-        marks.heading(_point(places[i]), heading, 17.0 * place.unit)
+    headings = -np.pi + (bins + 0.5) * 2.0 * np.pi / len(belief)
+    xy = (centres * scene.belief_resolution + scene.belief_origin)[which]
+    return np.column_stack([xy, headings])
 
 
 def _peaks(marginal: NDArray[np.floating], apart: int) -> NDArray[np.intp]:

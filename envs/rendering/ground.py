@@ -16,7 +16,7 @@ from activeloc.envs.rendering.marks import BELIEF_COLOURS, PARTICLE, SOLID, UNKN
 from activeloc.envs.rendering.scene import Layout, Scene
 from activeloc.grid import Cell, OccupancyGrid
 
-_UNIFORM_SHADE = 0.2
+UNIFORM_SHADE = 0.2
 _FAINTEST = 0.01
 """A place this many times as likely as under the uniform belief is white."""
 
@@ -60,9 +60,9 @@ def _tinted(scene: Scene, place: Layout) -> NDArray[np.uint8]:
     """The map, coloured by the belief: ``(H, W, 3)``."""
     marginal, resolution = scene.marginal, scene.belief_resolution
     pool = max(1, int(1.0 / (resolution * place.scale)))
-    if pool > 1:
-        marginal, resolution = _pooled(marginal, pool), resolution * pool
-    shade = Image.fromarray((255.0 * _shade(marginal, resolution, scene.grid)).astype(np.uint8))
+    if pool > 1:  # No cell is finer than a pixel.
+        marginal, resolution = pooled(marginal, pool), resolution * pool
+    shade = Image.fromarray(shades_of(marginal, places_of(scene.grid, resolution)))
     fitted = _fitted(shade, resolution, scene.belief_origin, place)
     background = _background(scene.grid, place.map_size, round(4.0 * place.unit) + 1)
     product = background.astype(np.uint16) * BELIEF_COLOURS[np.asarray(fitted)]
@@ -88,28 +88,37 @@ def _fitted(
     return shade.transform(place.map_size, Image.Transform.AFFINE, affine, filtering)
 
 
-def _pooled(marginal: NDArray[np.floating], pool: int) -> NDArray[np.floating]:
-    """Sums over squares of ``pool`` cells a side, so that no cell is finer than a pixel."""
-    rows, cols = marginal.shape
-    padded = np.pad(marginal, ((0, -rows % pool), (0, -cols % pool)))
-    blocks = padded.reshape(padded.shape[0] // pool, pool, -1, pool)
-    result: NDArray[np.floating] = blocks.sum(axis=(1, 3))
+def pooled(belief: NDArray[np.floating], pool: int) -> NDArray[np.floating]:
+    """Sums of ``(..., R, C)`` over squares of ``pool`` cells a side; the last may be filled up."""
+    *before, rows, cols = belief.shape
+    padded = np.pad(belief, [(0, 0)] * len(before) + [(0, -rows % pool), (0, -cols % pool)])
+    blocks = padded.reshape(*before, padded.shape[-2] // pool, pool, -1, pool)
+    result: NDArray[np.floating] = blocks.sum(axis=(-3, -1))
     return result
 
 
-def _shade(
-    marginal: NDArray[np.floating], resolution: float, grid: OccupancyGrid
-) -> NDArray[np.float64]:
-    """Probabilities to shades in [0, 1], on a scale of logarithms.
-
-    One is certainty, :data:`_UNIFORM_SHADE` the uniform belief over the map's free space, zero a
-    hundredth of that.
-    """
+def places_of(grid: OccupancyGrid, resolution: float) -> float:
+    """How many cells of a belief the map's free ground fills, at least 2."""
     free_area = grid.free.sum() * grid.resolution**2
-    n_places = max(free_area / resolution**2, 2.0)
-    lift = np.log(np.maximum(marginal * n_places, 1e-12))
-    at = [np.log(_FAINTEST), 0.0, np.log(n_places)]
-    result: NDArray[np.float64] = np.interp(lift, at, [0.0, _UNIFORM_SHADE, 1.0])
+    return max(float(free_area / resolution**2), 2.0)
+
+
+def shades_of(p: NDArray[np.floating], n: float) -> NDArray[np.uint8]:
+    """Probabilities to shades, 0 to 255, on a scale of logarithms.
+
+    255 is certainty, :data:`UNIFORM_SHADE` of that the uniform belief over ``n`` cells, zero a
+    hundredth of the uniform belief.
+    """
+    lift = np.log(np.maximum(p * n, 1e-12))
+    at = [np.log(_FAINTEST), 0.0, np.log(n)]
+    return (255.0 * np.interp(lift, at, [0.0, UNIFORM_SHADE, 1.0])).astype(np.uint8)
+
+
+def probabilities_of(shades: NDArray[np.uint8], n: float) -> NDArray[np.float64]:
+    """What :func:`shades_of` turns into these shades: the middle of each one's interval."""
+    middle = np.where(shades > 0, (shades + 0.5) / 255.0, -1.0)
+    lift = np.interp(middle, [0.0, UNIFORM_SHADE, 1.0], [np.log(_FAINTEST), 0.0, np.log(n)])
+    result: NDArray[np.float64] = np.where(shades > 0, np.exp(lift) / n, 0.0)
     return result
 
 

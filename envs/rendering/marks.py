@@ -37,7 +37,7 @@ PARTICLE: Colour = (110, 6, 24)
 
 # White to dark red, each darker than the one before: ordered for every kind of colour vision and
 # in print. Blue and black, which mark the robot and the estimate, lie off its path.
-_BELIEF_ANCHORS = (
+BELIEF_ANCHORS = (
     (255, 255, 255),
     (254, 232, 200),
     (253, 208, 148),
@@ -51,7 +51,7 @@ _BELIEF_ANCHORS = (
 
 
 def _belief_colours() -> NDArray[np.uint8]:
-    anchors = np.asarray(_BELIEF_ANCHORS, dtype=np.float64)
+    anchors = np.asarray(BELIEF_ANCHORS, dtype=np.float64)
     at, ends = np.linspace(0.0, 1.0, 256), np.linspace(0.0, 1.0, len(anchors))
     return np.stack([np.interp(at, ends, band) for band in anchors.T], axis=-1).astype(np.uint8)
 

@@ -37,6 +37,7 @@ class Scene:
         caption: Words for the panel.
         radius: Of the robot [m]; without it the robot has a size that is easy to see.
         particles: ``(N, 3)`` of poses, drawn as dots.
+        headings: ``(M, 3)`` of poses, drawn as wedges; found in the belief if None.
 
     Raises:
         ConfigError: If an array has the wrong shape or the belief's resolution is not positive.
@@ -57,6 +58,7 @@ class Scene:
     caption: str = ""
     radius: float | None = None
     particles: NDArray[np.floating] | None = None
+    headings: NDArray[np.floating] | None = None
 
     def __post_init__(self) -> None:
         shape = np.shape(self.belief)
@@ -74,10 +76,10 @@ class Scene:
             scan, bearings = np.shape(self.scan), np.shape(self.bearings)
             if scan != bearings or len(scan) != 1:
                 raise ConfigError(f"scan and bearings must both be (B,), got {scan}, {bearings}")
-        if self.particles is not None:
-            particles = np.shape(self.particles)
-            if len(particles) != 2 or particles[1] != 3:
-                raise ConfigError(f"particles must be (N, 3), got shape {particles}")
+        for name in ("particles", "headings"):
+            poses = getattr(self, name)
+            if poses is not None and (np.ndim(poses) != 2 or np.shape(poses)[1] != 3):
+                raise ConfigError(f"{name} must be (N, 3), got shape {np.shape(poses)}")
 
     @cached_property
     def marginal(self) -> NDArray[np.floating]:
