@@ -3,14 +3,22 @@
 Without noise a belief is uniform over the n states that agree with every reading, all of them read
 the same now, and actions are one-to-one. So an action only splits the set by the next reading, and
 the expected largest probability after it, ``sum_z (n_z / n) (1 / n_z)``, is the number of parts
-over n.
-A K-step plan is counting: with W in units of 1 / n,
+over n. A K-step plan is counting: with W in units of 1 / n,
 
-    W(S, k) = max_a [ parts(a, S) + sum_z W(S_z, k - 1) ],    W({x}, k) = k,
+    W(S, k) = max_a [ parts(a, S) + sum_z W(S_z, k - 1) ],    W({x}, k) = k.
 
-which bounds itself: a step can add n at most, so a branch that cannot win is cut, and no plan is
-lost. Maximising the sum over the steps is what matters: a planner that looks at its last step alone
-puts everything off.
+While nothing splits the set its states move in step, so that where the first of them stands says
+which belief it is: equal beliefs are merged, and each place is looked at once, by its shortest way.
+Over the turns a at places u, d(u) steps away, that split the set (a step forward splits nothing),
+
+    W(S, k) = max_(u, a) [ d(u) + parts + sum_z W(S_z, k - d(u) - 1) ],
+
+or k if there is none within reach. A step can add n at most, so a branch that cannot win is cut,
+and no plan is lost. Maximising the sum over the steps is what matters: a planner that looks at its
+last step alone puts everything off.
+
+Where no plan of K steps is told anything, all actions are worth the same, and a robot may go in a
+circle for ever. There K grows to the fewest steps in which one is.
 
 With noise the same is a sum over joint probabilities q(x, z), which need not be normalised:
 
@@ -68,72 +76,145 @@ def split(
 
 
 @njit(cache=True, nogil=True)
-def worth(
+def most(
     successor: NDArray[np.int16],
     reading: NDArray[np.int8],
-    level: NDArray[np.int16],
-    ends: NDArray[np.int32],
-    value: NDArray[np.float64],
-) -> None:
-    """W of the set ``level[0]`` by each first action: the most that K steps can add up to.
+    states: NDArray[np.int16],
+    steps: int,
+) -> int:
+    """W of a set: the most that K steps can add up to, in units of 1 / n.
 
-    A walk down the tree of sets with a frame for each depth, since cached kernels cannot recurse.
+    A walk down the tree of sets with a frame for each set that is open, since cached kernels cannot
+    recurse. A frame looks at the places that its set can be moved to, nearest first.
 
     Args:
         successor: ``(S, 3)``.
         reading: ``(S,)``.
-        level: ``(K + 1, n)``; sets on the way down, each under the one that it came from.
-        ends: ``(K + 1, n)``; where their parts end, counted from the set's first state.
-        value: ``(3,)``, overwritten; exact for the best, and for others that were not cut.
+        states: ``(n,)``, at least one; all read the same.
+        steps: K.
     """
-    horizon = level.shape[0] - 1
-    low, high = np.zeros(horizon, dtype=np.int64), np.zeros(horizon, dtype=np.int64)
-    order, last = np.full(horizon, -1), np.full(horizon, -1)
-    part, parts, begin = np.zeros(horizon, np.int64), np.zeros(horizon, np.int64), order.copy()
-    total, left, best = np.zeros(horizon), np.zeros(horizon), np.full(horizon, -1.0)
-    high[0] = level.shape[1]
-    d = 0
+    n_all, n_states = states.shape[0], reading.shape[0]
+    if n_all == 1 or steps == 0:
+        return steps
+    room = min(n_states, 4 * (2 * steps * (steps + 1) + 1))  # No more places are within K steps.
+    places = np.empty((steps, room, n_all), dtype=np.int16)
+    walked = np.zeros((steps, room), dtype=np.int64)
+    seen = np.zeros((steps, n_states), dtype=np.int64)
+    moved, ends = np.empty((steps, n_all), np.int16), np.empty((steps, n_all), np.int32)
+    n, k, best, mark = np.zeros((4, steps), dtype=np.int64)
+    place, found, turn = np.zeros((3, steps), dtype=np.int64)
+    parts, part, total, left = np.zeros((4, steps), dtype=np.int64)
+    visits, f = 1, 0
+    n[0], k[0], best[0], found[0], mark[0] = n_all, steps, steps, 1, 1
+    places[0, 0] = states
+    seen[0, states[0]] = 1
     while True:
-        n, steps = high[d] - low[d], horizon - d
-        if part[d] < parts[d] and (d == 0 or total[d] + left[d] > best[d]):
-            # The next part of what the action splits the set into.
-            end = np.int64(ends[d + 1, low[d] + part[d]])
-            size = end - begin[d]
-            left[d] -= size * (steps - 1)
-            part[d] += 1
-            first = low[d] + begin[d]
-            begin[d] = end
-            if size == 1:
-                total[d] += steps - 1
-            elif steps > 1:
-                last[d + 1] = 2 - order[d]
-                d += 1
-                low[d], high[d], order[d], best[d] = first, first + size, -1, -1.0
-                part[d] = parts[d] = 0
+        u = place[f]
+        d = walked[f, u]
+        rest = k[f] - d - 1
+        if part[f] < parts[f] and total[f] + left[f] > best[f]:
+            # The next part of what the turn splits the set into.
+            first = np.int64(ends[f, part[f] - 1]) if part[f] > 0 else np.int64(0)
+            size = np.int64(ends[f, part[f]]) - first
+            part[f] += 1
+            left[f] -= size * rest
+            if size == 1 or rest == 0:
+                total[f] += rest
+                continue
+            f += 1
+            visits += 1
+            n[f], k[f], best[f], found[f], mark[f] = size, rest, rest, 1, visits
+            place[f] = turn[f] = parts[f] = part[f] = walked[f, 0] = 0
+            places[f, 0, :size] = moved[f - 1, first : first + size]
+            seen[f, places[f, 0, 0]] = visits
             continue
-        if order[d] >= 0:  # The action is done, or cut because it cannot win.
-            if d == 0:
-                value[2 - order[d]] = total[d]
-            best[d] = max(best[d], total[d])
-        order[d] += 1
-        if order[d] == 3:
-            if d == 0:
-                return
-            d -= 1
-            total[d] += best[d + 1]
+        if parts[f] > 0:  # The turn is done, or cut because it cannot win.
+            best[f] = max(best[f], total[f])
+            parts[f] = part[f] = 0
+        if turn[f] == 3:
+            place[f] += 1
+            turn[f] = 0
+            u = place[f]
+            if u == found[f] or walked[f, u] + n[f] * (k[f] - walked[f, u]) <= best[f]:
+                if f == 0:
+                    return best[0]
+                f -= 1
+                total[f] += best[f + 1]
             continue
-        action = 2 - order[d]  # Forward first: of equals it is the one that leads somewhere.
-        part[d] = parts[d] = begin[d] = 0
-        total[d] = left[d] = 0.0
-        undone = (action == 0 and last[d] == 1) or (action == 1 and last[d] == 0)
-        # Into the wall nothing moves and nothing new is read; a turn back shows what is known.
-        if d > 0 and (undone or (action == 2 and reading[level[d, low[d]]] == 1)):
+        action = turn[f]
+        turn[f] += 1
+        here = places[f, u, : n[f]]
+        there = successor[here[0], action]
+        if seen[f, there] == mark[f]:
             continue
-        parts[d] = split(
-            successor, reading, level[d, low[d] : high[d]], action,
-            level[d + 1, low[d] : high[d]], ends[d + 1, low[d] : high[d]],
-        )  # fmt: skip
-        total[d], left[d] = float(parts[d]), float(n * (steps - 1))
+        count = split(successor, reading, here, action, moved[f], ends[f])
+        if count > 1:
+            parts[f], total[f], left[f] = count, d + count, n[f] * rest
+        elif rest > 0:
+            places[f, found[f], : n[f]] = moved[f, : n[f]]
+            walked[f, found[f]] = d + 1
+            seen[f, there] = mark[f]
+            found[f] += 1
+
+
+@njit(cache=True, nogil=True)
+def steps_to_news(
+    successor: NDArray[np.int16], reading: NDArray[np.int8], states: NDArray[np.int16]
+) -> int:
+    """Fewest steps after which a reading splits a set; 0 if none ever does.
+
+    Args:
+        successor: ``(S, 3)``.
+        reading: ``(S,)``.
+        states: ``(n,)``, at least one; all read the same.
+    """
+    n, n_states = states.shape[0], reading.shape[0]
+    places = np.empty((n_states, n), dtype=np.int16)
+    walked, seen = np.zeros(n_states, dtype=np.int64), np.zeros(n_states, dtype=np.bool_)
+    moved, ends = np.empty(n, dtype=np.int16), np.empty(n, dtype=np.int32)
+    places[0] = states
+    seen[states[0]] = True
+    found, u = 1, 0
+    while u < found:
+        for action in range(3):
+            there = successor[places[u, 0], action]
+            if seen[there]:
+                continue
+            if split(successor, reading, places[u], action, moved, ends) > 1:
+                return walked[u] + 1
+            places[found] = moved
+            walked[found] = walked[u] + 1
+            seen[there] = True
+            found += 1
+        u += 1
+    return 0
+
+
+@njit(cache=True, nogil=True)
+def worth(
+    successor: NDArray[np.int16],
+    reading: NDArray[np.int8],
+    states: NDArray[np.int16],
+    steps: int,
+    value: NDArray[np.int64],
+) -> None:
+    """W of a set by each first action.
+
+    Args:
+        successor: ``(S, 3)``.
+        reading: ``(S,)``.
+        states: ``(n,)``, at least one; all read the same.
+        steps: K, at least 1.
+        value: ``(3,)``, overwritten.
+    """
+    moved, ends = np.empty_like(states), np.empty(states.shape[0], dtype=np.int32)
+    for action in range(3):
+        parts = split(successor, reading, states, action, moved, ends)
+        value[action] = parts
+        begin = 0
+        for i in range(parts):
+            value[action] += most(successor, reading, moved[begin : ends[i]], steps - 1)
+            begin = ends[i]
 
 
 @njit(cache=True, nogil=True)
@@ -142,29 +223,30 @@ def plan_all(
     reading: NDArray[np.int8],
     states: NDArray[np.int16],
     n_states: NDArray[np.int32],
-    steps: NDArray[np.int32],
+    steps: int,
     values: NDArray[np.float64],
 ) -> None:
-    """K-step values of each action for a batch of mazes: mean largest probability a step.
+    """Values of each action for a batch of mazes: mean largest probability a step.
 
     Args:
         successor: ``(B, S, 3)``.
         reading: ``(B, S)``.
         states: ``(B, N)``; states that the robot may be in.
-        n_states: ``(B,)`` of them; all of a robot's read the same.
-        steps: ``(B,)``; K of each.
+        n_states: ``(B,)`` of them, at least one; all of a robot's read the same.
+        steps: K, at least 1; more where a plan of K steps is told nothing.
         values: ``(B, 3)``, overwritten with W / (n K).
     """
+    count = np.empty(3, dtype=np.int64)
     for b in range(states.shape[0]):
-        n, k = n_states[b], steps[b]
-        if n <= 1 or k == 0:
+        n, k = n_states[b], steps
+        if n == 1:
             values[b] = 1.0
             continue
-        level = np.empty((k + 1, n), dtype=np.int16)
-        ends = np.empty((k + 1, n), dtype=np.int32)
-        level[0] = states[b, :n]
-        worth(successor[b], reading[b], level, ends, values[b])
-        values[b] /= n * k
+        worth(successor[b], reading[b], states[b, :n], k, count)
+        if count.max() == k:
+            k = max(k, steps_to_news(successor[b], reading[b], states[b, :n]))
+            worth(successor[b], reading[b], states[b, :n], k, count)
+        values[b] = count / (n * k)
 
 
 @njit(cache=True, nogil=True)
@@ -294,8 +376,6 @@ def plan_all_noisy(
 def plan_values(knowledge: MazeKnowledge, steps: int) -> NDArray[np.float64]:
     """Mean over K steps of the expected largest probability, for each first action: ``(n, 3)``.
 
-    Exact for the best action; those that cannot beat it may be given less than they are worth.
-
     Args:
         knowledge: Of the robots that are asked for.
         steps: K.
@@ -313,7 +393,7 @@ def plan_values(knowledge: MazeKnowledge, steps: int) -> NDArray[np.float64]:
     plan_all(
         on.successor.reshape(-1, n, 3)[robots],
         (on.depth.reshape(-1, n)[robots] + 1).astype(np.int8),
-        held.states[robots], held.n[robots], np.full(len(robots), steps, dtype=np.int32), values,
+        held.states[robots], held.n[robots], steps, values,
     )  # fmt: skip
     return values
 
