@@ -31,6 +31,8 @@ class MazeObservation:
     Attributes:
         view: Whether the egocentric view is in it. It costs more than the rest of a step.
         radius: r of its window [cell].
+        time: Whether the clock is in it. A policy that does not see it goes on as well in a longer
+            episode.
 
     Raises:
         ConfigError: If a value is out of its range.
@@ -38,10 +40,12 @@ class MazeObservation:
 
     view: bool = False
     radius: int = 9
+    time: bool = True
 
     def __post_init__(self) -> None:
         checks.boolean("observation.view", self.view)
         checks.integer("observation.radius", self.radius, 1, 100)
+        checks.boolean("observation.time", self.time)
 
     def space(self, size: int) -> gym.spaces.Dict:
         """The observation space of one robot in a maze of ``size`` x ``size`` cells."""
@@ -49,8 +53,9 @@ class MazeObservation:
             "belief": (4, size, size),
             "map": (size, size),
             "depth": (1,),
-            "time": (1,),
         }
+        if self.time:
+            shapes["time"] = (1,)
         if self.view:
             side = 2 * self.radius + 1
             shapes["view"] = (PLANES, side, side)
@@ -64,7 +69,7 @@ def observe_mazes(
     maps: NDArray[np.float32],
     view: EgocentricView | None,
     reading: NDArray[np.int32],
-    steps: NDArray[np.int64],
+    steps: NDArray[np.int64] | None,
 ) -> dict[str, NDArray[Any]]:
     """The observations of a batch: new arrays of float32 with a leading axis of B.
 
@@ -73,7 +78,7 @@ def observe_mazes(
         maps: ``(B, m, m)``; 1 where a cell is free.
         view: Draws the egocentric view; None to leave it out.
         reading: ``(B,)``; last depths read, less one.
-        steps: ``(B,)``; steps taken.
+        steps: ``(B,)``; steps taken; None to leave the clock out.
 
     Returns:
         ``belief`` ``(B, 4, m, m)``: p / max p by heading, row, column. ``map`` ``(B, m, m)``: 1
@@ -84,8 +89,9 @@ def observe_mazes(
         "belief": belief.planes(),
         "map": maps.copy(),
         "depth": _share(reading[:, None] + 1, FAR),
-        "time": _share(steps[:, None], LONG),
     }
+    if steps is not None:
+        observation["time"] = _share(steps[:, None], LONG)
     if view is not None:
         observation["view"] = view.draw()
     return observation

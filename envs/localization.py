@@ -35,7 +35,9 @@ class LocalizationEnv(gym.Env[Observation, Any]):
     ``Dict`` of float32: ``belief`` ``(8, 32, 32)`` in [0, 1], heading bins x rows x cols,
     sqrt(p / max p); ``map`` ``(32, 32)`` share of free ground; ``scan`` ``(B,)`` range over the
     longest, -1 for none; ``scalars`` ``(5,)``: entropy as a fraction of the uniform's, mass near
-    the estimate, touched, turned [half turns], travelled [m].
+    the estimate, touched, turned [half turns], travelled [m]. With ``observation={"view": True}``
+    also what may be around the robot, as seen from it: ``view`` ``(5, 17, 17)``, ``ways`` ``(2, 12,
+    9)`` and ``place`` ``(24,)``: :mod:`activeloc.beliefs.metric_view`.
 
     ## Rewards
     The sum of ``information`` (share of the uniform belief's entropy removed by the step), ``step``
@@ -66,6 +68,8 @@ class LocalizationEnv(gym.Env[Observation, Any]):
     19)`` from the robot: :mod:`activeloc.beliefs.egocentric`. The prior is uniform over the states
     that agree with a first reading. The reward of a step is the largest posterior probability. An
     episode never terminates: it lasts as many steps as ``max_episode_steps`` says (15, 20, 30, 15).
+    ``task={"kind": "maze", "reward": "doubt"}``: the same reward less 1, until the belief is sure,
+    which ends the episode (for training); ``observation={"time": False}`` leaves the clock out.
     ``info["is_success"]`` is the strict accuracy: the largest probability is 1 (in the noisy maze:
     more than .5, at the truth); ``info["likeliest_is_true"]`` the other. In the noisy maze a step
     forward is 0, 1 or 2 cells long with probability .106, .788, .106, clipped at walls, and

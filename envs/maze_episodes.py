@@ -44,6 +44,9 @@ class MazeTask:
             walls; that a reading is one too small, and one too large. 0: no noise.
         confidence: The belief is sure when its largest probability is more than this; 1 for when
             it is 1.
+        reward: ``largest``, the largest probability after a step; or ``doubt``, that less 1, and
+            the episode ends once it is 1, since no doubt is to come. Returns differ by T, and
+            training does not wait for the rest of the episode.
 
     Raises:
         ConfigError: If a value is out of its range.
@@ -52,9 +55,11 @@ class MazeTask:
     kind: str = "maze"
     p_off: float = 0.0
     confidence: float = 1.0
+    reward: str = "largest"
 
     def __post_init__(self) -> None:
         checks.choice("task.kind", self.kind, ("maze",))
+        checks.choice("task.reward", self.reward, ("largest", "doubt"))
         checks.number("task.p_off", self.p_off, 0.0, 0.5)
         checks.number("task.confidence", self.confidence, 0.0, 1.0, above_low=True)
 
@@ -187,7 +192,8 @@ class _Scores:
 class MazeEpisodes:
     """B robots in mazes, their beliefs and their episodes.
 
-    Episodes have no end of their own: whoever plays them truncates them after T steps.
+    Episodes have no end of their own, but for the reward ``doubt``: whoever plays them truncates
+    them after T steps.
 
     Args:
         config: What to play.
@@ -197,6 +203,7 @@ class MazeEpisodes:
     def __init__(self, config: MazeConfig, n_robots: int) -> None:
         self.config = config
         self.n_robots = n_robots
+        self._is_doubt = config.task.reward == "doubt"
         self.lattice = Lattice(n_robots, config.size, config.task.p_off)
         self.belief = LatticeBelief(self.lattice)
         look = config.observation
@@ -397,13 +404,21 @@ class MazeEpisodes:
     # --- results
 
     def terminated(self, robot: int) -> bool:
-        """Never: an episode lasts exactly as many steps as its limit says."""
+        """Whether a robot's episode is over; never with the reward ``largest``."""
         self._demand_started(robot)
-        return False
+        return bool(self.ends()[robot])
 
     def reward(self, robot: int) -> float:
-        """The largest probability after the last step."""
-        return float(self.belief.largest[robot])
+        """The largest probability after the last step; see :class:`MazeTask`."""
+        return float(self.rewards()[robot])
+
+    def ends(self) -> NDArray[np.bool_]:
+        """Whether each robot's episode is over ``(B,)``; see :class:`MazeTask`."""
+        return self._is_doubt & (self.belief.largest > CERTAIN)
+
+    def rewards(self) -> NDArray[np.float64]:
+        """Of each robot's last step ``(B,)``; see :class:`MazeTask`."""
+        return self.belief.largest - float(self._is_doubt)
 
     def entropy_fraction(self, robot: int) -> float:
         """Entropy of a robot's belief as a fraction of the uniform belief's."""
@@ -411,7 +426,8 @@ class MazeEpisodes:
 
     def observations(self) -> dict[str, NDArray[Any]]:
         """Those of all robots: see :func:`activeloc.envs.egocentric.observe_mazes`."""
-        return observe_mazes(self.belief, self._maps, self.view, self._reading, self.steps)
+        clock = self.steps if self.config.observation.time else None
+        return observe_mazes(self.belief, self._maps, self.view, self._reading, clock)
 
     def observation(self, robot: int) -> dict[str, NDArray[Any]]:
         """Of one robot: new arrays."""
@@ -442,7 +458,7 @@ class MazeEpisodes:
             "success_step": scores.success_step.copy(),
             "impossible": belief.impossible.astype(np.int64),
             "depth": self._reading.astype(np.int64) + 1,
-            "reward_largest": np.where(self.steps > 0, belief.largest, 0.0),
+            f"reward_{self.config.task.reward}": np.where(self.steps > 0, self.rewards(), 0.0),
         }
 
     def info(self, robot: int) -> dict[str, Any]:

@@ -155,8 +155,8 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
             checked = self._episodes.checked_actions(actions)
             self._episodes.step_all(checked, ~again)
             self._start(again)
-            rewards = np.where(again, 0.0, self._episodes.belief.largest)
-            return rewards, np.zeros(self.num_envs, dtype=np.bool_)
+            rewards = np.where(again, 0.0, self._episodes.rewards())
+            return rewards, self._episodes.ends() & ~again
         given, rewards = self._checked(actions), np.zeros(self.num_envs)
         for robot in range(self.num_envs):
             if again[robot]:

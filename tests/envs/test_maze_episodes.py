@@ -198,6 +198,38 @@ def test_an_episode_lasts_exactly_t_steps_and_t_is_an_argument(id):
         assert ends == [(False, False)] * (n_steps - 1) + [(False, True)]
 
 
+@pytest.mark.parametrize("id", EXACT)
+def test_doubt_is_the_usual_reward_less_one_until_none_is_left(id):
+    """The same episodes with both rewards, alone and in a batch, until the belief is sure."""
+    task = {"kind": "maze", "reward": "doubt"}
+    usual, env = gym.make(id), gym.make(id, task=task)
+    batch = gym.make_vec(id, num_envs=1, task=task, autoreset_mode="SAME_STEP")
+    ended = 0
+    for seed in range(12):
+        for one in (usual, env, batch):
+            one.reset(seed=seed)
+        for step in range(STEPS[id][1]):
+            action = int(np.random.default_rng([seed, step]).integers(3))
+            _, reward, _, truncated, info = usual.step(action)
+            _, doubt, over, cut, own = env.step(action)
+            _, many, overs, cuts, infos = batch.step(np.array([action]))
+            assert doubt == many[0] == reward - 1.0 == own["reward_doubt"]
+            assert (over, cut) == (overs[0], cuts[0]) == (info["mass"] == 1.0, truncated)
+            if over or cut:
+                assert infos["final_info"]["is_success"][0] == info["is_success"]
+                ended += over
+                break
+    assert 0 < ended < 12
+
+
+@every_maze
+def test_the_clock_may_be_left_out(id):
+    env = gym.make(id, observation={"time": False, "view": True, "radius": 2}).unwrapped
+    seen, _ = env.reset(seed=0)
+    assert sorted(seen) == ["belief", "depth", "map", "view"]
+    assert env.observation_space.contains(seen)
+
+
 # --- given mazes and starts
 
 
@@ -281,7 +313,9 @@ def test_starts_that_are_none_are_refused_and_change_nothing(options, message):
         ({"task": {"kind": "maze", "p_off": 0.6}}, ConfigError, "task.p_off"),
         ({"task": {"kind": "maze", "confidence": 0.0}}, ConfigError, "task.confidence"),
         ({"task": {"kind": "maze", "p_of": 0.1}}, ConfigError, "did you mean 'p_off'"),
+        ({"task": {"kind": "maze", "reward": "entropy"}}, ConfigError, "task.reward"),
         ({"observation": {"view": 1}}, ConfigError, "observation.view"),
+        ({"observation": {"time": 0}}, ConfigError, "observation.time"),
         ({"observation": {"radius": 0}}, ConfigError, "observation.radius"),
         ({"obsrvation": {}}, ConfigError, "did you mean 'observation'"),
     ],
