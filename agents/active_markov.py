@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from activeloc import checks
 from activeloc.agents.commands import FORWARD, LEFT, RIGHT, action_for
@@ -14,6 +15,21 @@ from activeloc.agents.imagination import Imagined, Plan, expected_entropy, sampl
 from activeloc.envs.episodes import Knowledge
 from activeloc.errors import ConfigError
 from activeloc.motion import wrap
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """A walk that may be chosen.
+
+    Attributes:
+        moves: Its actions, one after the other.
+        utility: What it is worth [nat].
+        plan: See :class:`~activeloc.agents.imagination.Plan`.
+    """
+
+    moves: list[int]
+    utility: float
+    plan: Plan
 
 
 @dataclass
@@ -71,12 +87,36 @@ class ActiveMarkovAgent:
             self._walk = self._choose(knowledge)
         return action_for(knowledge.actions, self._walk.pop(0))
 
+    def action_values(
+        self, observation: Mapping[str, Any], knowledge: Knowledge
+    ) -> NDArray[np.float64]:
+        """Of each action the utility of the best walk that begins with it [nat]: ``(A,)``.
+
+        The walk under way counts for nothing. -inf for an action that begins none.
+        """
+        values = np.full(len(knowledge.actions.commands), -np.inf)
+        for option in self._options(knowledge):
+            values[option.moves[0]] = max(values[option.moves[0]], option.utility)
+        if not np.isfinite(values).any():
+            values[LEFT] = 0.0
+        return values
+
     def _choose(self, knowledge: Knowledge) -> list[int]:
-        """The walk of the greatest utility; the first of equals. No way that has been refused."""
+        """The walk of the greatest utility; the first of equals."""
+        options = list(self._options(knowledge))
+        if not options:
+            return [LEFT]
+        best = max(options, key=lambda option: option.utility)
+        self.plan = best.plan
+        return best.moves
+
+    def _options(self, knowledge: Knowledge) -> Iterator[Option]:
+        """All walks but those that have been refused."""
         here = Imagined.here(knowledge, self.samples, self.rng)
         before = sampled_entropy(knowledge, here.poses)
-        best, chosen = -np.inf, [LEFT]
         for turns in self._turns(knowledge):
+            if self._seen_blocked(knowledge, turns * knowledge.actions.turn):
+                continue
             turn = np.array([np.sign(turns) * knowledge.actions.turn, 0.0, 0.0])
             there = here.after(knowledge, turn, self.rng, abs(turns))
             if there.place_if_free.is_refused:
@@ -87,13 +127,19 @@ class ActiveMarkovAgent:
                 there = there.after(knowledge, drive, self.rng, drives - done)
                 done = drives
                 after = expected_entropy(knowledge, there, self.readings, self.rng)
-                utility = self._utility(there, before - after, abs(turns) + drives)
-                if utility > best:
-                    best = utility
-                    gain = sampled_entropy(knowledge, there.poses) - after
-                    self.plan = Plan(((turn, abs(turns)), (drive, drives)), gain)
-                    chosen = [LEFT if turns > 0 else RIGHT] * abs(turns) + [FORWARD] * drives
-        return chosen
+                gain = sampled_entropy(knowledge, there.poses) - after
+                yield Option(
+                    [LEFT if turns > 0 else RIGHT] * abs(turns) + [FORWARD] * drives,
+                    self._utility(there, before - after, abs(turns) + drives),
+                    Plan(((turn, abs(turns)), (drive, drives)), gain),
+                )
+
+    def _seen_blocked(self, knowledge: Knowledge, bearing: float) -> bool:
+        """Whether the last scan shows an obstacle that would stop half a drive."""
+        off = np.abs(wrap(knowledge.sensor.bearings - bearing))
+        beam = int(off.argmin())
+        near = knowledge.motion.radius + 0.5 * knowledge.actions.forward
+        return bool(off[beam] <= np.pi / self.bearings and knowledge.scan[beam] < near)
 
     def _turns(self, knowledge: Knowledge) -> list[int]:
         """Turns to each bearing, the shorter way round: positive to the left."""

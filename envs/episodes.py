@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from activeloc import checks
 from activeloc.beliefs import Belief, Summary
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig
+from activeloc.beliefs.metric_view import MetricView
 from activeloc.beliefs.novelty import drop_novel
 from activeloc.beliefs.particles import ParticleBelief, ParticleConfig
 from activeloc.configuration import build, build_kind, unknown
@@ -54,7 +55,7 @@ class EpisodeConfig:
         motion: The true motion model.
         actions: What the robot can be told.
         reward: Weights of the reward's terms.
-        observation: Resolution of the world view.
+        observation: Resolution of the world view; whether there is an egocentric one.
         world: ``continuous``, or ``discrete``: the filter's own discretisation made true.
         filter_sensor: The sensor that the filter assumes; the true one if None.
         filter_motion: The motion model that the filter assumes; the true one if None.
@@ -195,6 +196,8 @@ class Episodes:
             n_robots, config.sensor, config.motion, self._redraw(), config.people
         )
         self.belief = self._make_belief()
+        look = config.observation
+        self.view = MetricView(self.belief, self.filter_sensor, look.radius) if look.view else None
         self._episodes: list[_Episode | None] = [None] * n_robots
 
     def _redraw(self) -> tuple[float, int] | None:
@@ -396,8 +399,8 @@ class Episodes:
         if self.config.task.kind == "kidnapped":
             summary = episode.summary
             near = is_near(*pose_error(summary.estimate, self.simulator.poses[robot]))
-            jumped = not is_near(*pose_error(summary.estimate, reckoned))
-            episode.watch.see(episode.step, summary.mass, near, jumped)
+            jump = pose_error(summary.estimate, reckoned)
+            episode.watch.see(episode.step, summary.mass, near, jump)
 
     def _declare(self, robot: int, episode: _Episode) -> None:
         """End the episode when the belief has been sure for long enough."""
@@ -434,6 +437,7 @@ class Episodes:
             self.config.sensor.z_max,
             episode.u,
             episode.touched,
+            self.view,
         )
 
     def info(self, robot: int) -> dict[str, Any]:

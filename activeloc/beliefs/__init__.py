@@ -85,6 +85,13 @@ class Belief(Protocol):
         """Poses ``(n, 3)`` drawn from the belief."""
         ...
 
+    def thinned(self, robot: int, n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """The belief as n hypotheses: poses ``(m, 3)``, and how many of them are at each ``(m,)``.
+
+        They follow from the belief alone: nothing random is used up.
+        """
+        ...
+
     def forecast(
         self, robot: int, poses: NDArray[np.float64]
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:

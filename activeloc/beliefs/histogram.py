@@ -27,6 +27,7 @@ from activeloc.beliefs.place import PlaceMemory
 from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.beliefs.scan_likelihood import ScanLikelihood
 from activeloc.beliefs.settings import HistogramConfig
+from activeloc.beliefs.thinning import thin_weights
 from activeloc.beliefs.view import view_shares
 from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
@@ -518,6 +519,15 @@ class HistogramBelief:
             cell[away] = tables.background.cells_at((pointers[away] - here) / track.elsewhere)
             heading[away] = (uniforms[away, 0] * within.shape[1]).astype(heading.dtype)
         return tables.poses.sample_in(cell, heading.astype(np.int32), rng.random((n, 4)))
+
+    def thinned(self, robot: int, n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """See :class:`Belief`; centres of states. The background, kept small, is left out."""
+        track = self._track(robot)
+        poses, index, count = track.tables.poses, np.empty(n, np.int64), np.empty(n, np.int64)
+        m = thin_weights(track.bel[track.cells].ravel(), index, count)
+        rank, heading = np.divmod(index[:m], poses.headings)
+        places = poses.centres[track.cells[rank]]
+        return np.column_stack([places, poses.thetas[heading]]), count[:m]
 
     def forecast(
         self, robot: int, poses: NDArray[np.float64]

@@ -28,6 +28,7 @@ from activeloc.beliefs.recovery import RunningMeans, background_after
 from activeloc.beliefs.resampling import SCHEMES
 from activeloc.beliefs.sample_size import draw_until, effective_states
 from activeloc.beliefs.settings import ParticleConfig
+from activeloc.beliefs.thinning import thin_weights
 from activeloc.beliefs.view import view_frame
 from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
@@ -496,3 +497,10 @@ class ParticleBelief:
         p = self.sensor.bin_probabilities(cloud.ground.grid, rays, self.reading_bins)
         rows = np.arange(p.shape[0] * p.shape[1], dtype=np.int32).reshape(p.shape[:2])
         return rows, self._powered(p.reshape(-1, p.shape[-1]))
+
+    def thinned(self, robot: int, n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """See :class:`Belief`."""
+        cloud = self._cloud(robot)
+        index, count = np.empty(n, np.int64), np.empty(n, np.int64)
+        m = thin_weights(cloud.normalised(), index, count)
+        return cloud.poses[index[:m]], count[:m]

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 
 from activeloc.beliefs import Summary
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig
+from activeloc.beliefs.metric_view import MetricView
 from activeloc.beliefs.particles import ParticleBelief, ParticleConfig
 from activeloc.envs.localization import LocalizationEnv
 from activeloc.envs.observations import ObservationConfig, observe
@@ -197,3 +199,25 @@ def test_the_environment_says_what_it_touched_and_how_far_it_went():
 def test_a_resolution_that_is_none_is_refused(name, value):
     with pytest.raises(ConfigError, match=rf"observation\.{name} must be an integer"):
         ObservationConfig(**{name: value})
+
+
+@pytest.mark.parametrize("kind", ["histogram", "particles"])
+def test_the_egocentric_view_is_there_for_the_asking(kind):
+    settings = {"cell_size": 0.25, "headings": 36} if kind == "histogram" else {"n_max": 6_000}
+    env = LocalizationEnv(
+        map=GRID, belief={"kind": kind, **settings}, observation={"view": True, "radius": 3}
+    )
+    check_env(env, skip_render_check=True)
+    observation, _ = env.reset(seed=3)
+    shapes = {key: observation[key].shape for key in ("view", "ways", "place")}
+    assert shapes == {"view": (5, 7, 7), "ways": (2, 12, 9), "place": (24,)}
+    # After a step it is the view of the belief as it is then, and of a new object.
+    after = env.step(0)[0]
+    knows = env.knowledge
+    again = MetricView(knows.belief, knows.sensor, 3).draw(0)
+    for key, part in again.items():
+        np.testing.assert_array_equal(after[key], part)
+        assert not np.array_equal(after[key], observation[key])
+    for name, value in (("view", 1), ("radius", 0), ("radius", 4.0)):
+        with pytest.raises(ConfigError, match=rf"observation\.{name} must be"):
+            ObservationConfig(**{name: value})
