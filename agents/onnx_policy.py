@@ -86,6 +86,10 @@ class Network:
 class OnnxAgent:
     """Takes the action that a trained network ranks highest.
 
+    At an observation that has come before in the episode, to the bit, it takes the highest of those
+    that it has not taken there, until all have been: a robot that chooses by what it sees would
+    go in a circle otherwise. A network with a memory or a clock sees to that itself.
+
     Attributes:
         file: The network's.
         sha256: Of the file, found when it is read: two files are two agents.
@@ -100,6 +104,7 @@ class OnnxAgent:
     _network: Network = field(init=False, repr=False)
     _view: EgocentricView | None = field(default=None, init=False, repr=False)
     _memory: dict[str, NDArray[np.float32]] = field(default_factory=dict, init=False, repr=False)
+    _taken: dict[bytes, set[int]] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         content = _read(Path(self.file))
@@ -113,6 +118,7 @@ class OnnxAgent:
         """See :class:`Agent`; nothing here is left to chance."""
         self._memory = self._network.memory()
         self._view = None
+        self._taken = {}
 
     def act(self, observation: Mapping[str, Any], knowledge: AnyKnowledge) -> Any:
         """See :class:`Agent`.
@@ -120,13 +126,26 @@ class OnnxAgent:
         Raises:
             ConfigError: If the network was trained for another observation or other actions.
         """
-        inputs = {**self._observed(self._drawn(observation, knowledge)), **self._memory}
-        logits, *memory = self._network.run(inputs)
+        observed = self._observed(self._drawn(observation, knowledge))
+        logits, *memory = self._network.run({**observed, **self._memory})
         self._memory = dict(zip(MEMORY, memory, strict=False))
-        action = int(logits[0].argmax())
+        action = int(logits[0].argmax()) if memory else self._next_best(observed, logits[0])
         space = knowledge.actions.space
         if logits.shape[1] != getattr(space, "n", None):
             raise ConfigError(f"{self.file}: knows {logits.shape[1]} actions; there are {space}")
+        return action
+
+    def _next_best(
+        self, observed: Mapping[str, NDArray[np.float32]], logits: NDArray[np.float32]
+    ) -> int:
+        """The highest-ranked action that has not been taken at this observation."""
+        key = hashlib.sha256(b"".join(part.tobytes() for part in observed.values())).digest()
+        taken = self._taken.setdefault(key, set())
+        if len(taken) == len(logits):
+            taken.clear()
+        ranked = np.argsort(-logits, kind="stable")
+        action = next(int(a) for a in ranked if int(a) not in taken)
+        taken.add(action)
         return action
 
     def _drawn(self, observation: Mapping[str, Any], knowledge: AnyKnowledge) -> Mapping[str, Any]:

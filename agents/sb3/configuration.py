@@ -14,6 +14,7 @@ from activeloc.agents import make_agent
 from activeloc.agents.sb3.hyperparameters import (
     ALGORITHMS,
     DQN,
+    IMITATION,
     PPO,
     SETTINGS,
     hyperparameters,
@@ -110,8 +111,11 @@ class TrainingConfig:
         if not isinstance(asked, Mapping):
             raise ConfigError(f"--set env: expected env.SETTING=VALUE; got {asked!r}")
         settings = _laid_over(SETTINGS.get(env, {}), asked)
-        if "imitation" in rest:
-            given["imitation"] = build(ImitationConfig, rest.pop("imitation"), "imitation")
+        if "imitation" in rest or "imitation" not in given:
+            how = rest.pop("imitation", {})
+            if isinstance(how, Mapping):
+                how = _laid_over(IMITATION.get(env, {}), how)
+            given["imitation"] = build(ImitationConfig, how, "imitation")
         own = ("checkpoint_every", "evaluate_every", "n_eval_episodes")
         given |= {name: rest.pop(name) for name in own if name in rest}
         row = hyperparameters(env, algorithm, rest)

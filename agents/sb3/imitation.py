@@ -26,6 +26,8 @@ from activeloc import checks
 from activeloc.agents import make_agent
 from activeloc.agents.commands import LEFT, RIGHT
 from activeloc.agents.sb3.vec_env import NativeVecEnv, Observation
+from activeloc.beliefs.metric_view import BEARINGS
+from activeloc.envs.observations import SCALARS
 from activeloc.errors import ConfigError
 
 Floats = NDArray[np.float32]
@@ -210,7 +212,7 @@ def gather(
 ) -> Iterator[Batch]:
     """Labelled observations, a batch a step, along what planner or learner runs into.
 
-    Rows of equal values, where the planner does not mind, weigh nothing.
+    Rows of equal values, where the planner does not mind, are left out.
 
     Args:
         env: Stepped; its robots begin new episodes.
@@ -229,7 +231,9 @@ def gather(
         values = labeller(env, observations, starts)
         # What makes no difference to the planner teaches nothing.
         matters = (values != values[:, :1]).any(axis=1)
-        yield Batch(observations, values, matters.astype(np.float32))
+        if matters.any():
+            rows = {key: part[matters] for key, part in observations.items()}
+            yield Batch(rows, values[matters], np.ones(matters.sum(), dtype=np.float32))
         actions = _best(values, rng)
         if learner is not None:
             actions = learner.predict(observations, deterministic=True)[0]
@@ -325,10 +329,12 @@ def soft_targets(values: Floats, tau: float) -> Floats:
 
 # --- mirroring
 
+_METRIC = ("ways", "place", "scan", "scalars")
+
 
 def can_mirror(batch: Batch) -> bool:
-    """Whether a batch is of an egocentric view alone, with turns to both sides."""
-    extra = set(batch.observations) - {"view", "depth", "time"}
+    """Whether a batch is of what is seen from the robot alone, with turns to both sides."""
+    extra = set(batch.observations) - {"view", "depth", "time", *_METRIC}
     return "view" in batch.observations and not extra and batch.values.shape[1] >= 2
 
 
@@ -336,11 +342,21 @@ def mirrored(batch: Batch) -> Batch:
     """The same seen in a mirror: left and right are swapped, in the view and among the actions.
 
     The view ``(N, 5, rows, cols)`` looks along its rows: columns go from left to right. Its planes
-    2 and 4 are for a robot turned to the left and to the right.
+    2 and 4 are for a robot turned to the left and to the right. On a metric map, bearings count
+    from ahead to the left, beams from right to left.
     """
     observations = dict(batch.observations)
+    if "ways" in observations:
+        other_side = -np.arange(BEARINGS) % BEARINGS
+        observations["ways"] = observations["ways"][:, :, other_side]
+        halves = observations["place"].reshape(-1, 2, BEARINGS)[:, :, other_side]
+        observations["place"] = halves.reshape(observations["place"].shape)
+        observations["scan"] = observations["scan"][:, ::-1]
+        turned = np.array([-1.0 if name == "turned" else 1.0 for name in SCALARS], dtype=np.float32)
+        observations["scalars"] = observations["scalars"] * turned
     planes = observations["view"][:, [0, 1, 4, 3, 2]]
-    observations["view"] = np.ascontiguousarray(planes[..., ::-1])
+    observations["view"] = planes[..., ::-1]
+    observations = {key: np.ascontiguousarray(part) for key, part in observations.items()}
     order = np.arange(batch.values.shape[1])
     order[[LEFT, RIGHT]] = RIGHT, LEFT
     return Batch(observations, batch.values[:, order], batch.weights)
