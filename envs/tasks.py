@@ -8,8 +8,9 @@ truth lies in that window too, otherwise wrong and sure.
 Of a kidnapped robot it is told besides (:class:`Watch`):
 
 - *noticed*: at the step at which it was carried off, or later, less than ``let_go`` lies near the
-  estimate: the belief has let go. Only then can it declare. A belief that is merely less than sure
-  has noticed nothing: many are so in passing, and are sure of the old place again a moment later.
+  estimate, or the estimate has leapt ``leap`` or more from where the odometry takes the last one:
+  the belief has let go. Only then can it declare. A belief that is merely less than sure has
+  noticed nothing: many are so in passing, and are sure of the old place again a moment later.
 - *recovered*: a right declaration after that.
 - *false alarm*: with nobody having carried it off, the belief was sure and right for ``hold`` steps
   running, and at a later step less than ``let_go`` lies near the estimate, or the estimate has
@@ -52,6 +53,8 @@ class Task:
         hold: Steps running for which it must last.
         let_go: A kidnapped robot's belief has let go when less than this is near the estimate. In
             an office's corridors, turning blurs a belief that holds on to a half in passing.
+        leap: And when its estimate moves at least this far at once [m]: farther than a belief that
+            holds on is bent to fit a like place nearby.
         sigma_xy: Standard deviation of a start that is known [m].
         sigma_theta: Standard deviation of its heading [rad].
         kidnap: When a kidnapped robot is carried off, once: at a step in a ``range``, at a ``rate``
@@ -73,6 +76,7 @@ class Task:
     confidence: float = 0.95
     hold: int = 3
     let_go: float = 0.3
+    leap: float = 2.0
     sigma_xy: float = 0.3
     sigma_theta: float = float(np.deg2rad(10.0))
     kidnap: str = "range"
@@ -87,6 +91,7 @@ class Task:
         checks.number("task.confidence", self.confidence, 0.0, 1.0, above_low=True)
         checks.integer("task.hold", self.hold, 1, 1_000_000)
         checks.number("task.let_go", self.let_go, 0.0, 1.0)
+        checks.number("task.leap", self.leap, 0.0, 1e6, above_low=True)
         checks.number("task.sigma_xy", self.sigma_xy, 0.0, 1e3)
         checks.number("task.sigma_theta", self.sigma_theta, 0.0, np.pi)
         checks.choice("task.kidnap", self.kidnap, KIDNAPS)
@@ -196,22 +201,22 @@ class Watch:
         """
         return step - self.kidnapped_at if right and self.kidnapped else -1
 
-    def see(self, step: int, mass: float, near: bool, jumped: bool) -> None:
+    def see(self, step: int, mass: float, near: bool, jump: tuple[float, float]) -> None:
         """Take note of a belief.
 
         Args:
             step: Steps taken.
             mass: Near its estimate.
             near: Whether the truth is near the estimate.
-            jumped: Whether the estimate is not near where the odometry takes the one before.
+            jump: How far the estimate is from where the odometry takes the one before [m], [rad].
         """
         let_go = mass < self.task.let_go
         if self.kidnapped:
-            if let_go and not self.noticed:
+            if (let_go or jump[0] >= self.task.leap) and not self.noticed:
                 self.noticed_at = step
             return
         if self._knew >= self.task.hold:
-            self.false_alarm |= let_go or (jumped and not near)
+            self.false_alarm |= let_go or not (near or is_near(*jump))
         else:
             self._knew = self._knew + 1 if mass >= self.task.confidence and near else 0
 

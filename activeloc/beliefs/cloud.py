@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from math import inf
 
@@ -13,14 +13,13 @@ from scipy.special import ndtri
 
 from activeloc.beliefs import particle_kernels as kernels
 from activeloc.beliefs.common_bins import CommonBins, entropy
+from activeloc.beliefs.particle_past import Past
 from activeloc.beliefs.place import PlaceMemory
 from activeloc.beliefs.recovery import RunningMeans
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import Terrain
 from activeloc.range_table import RangeTable
 
-# A background under this weight is left out of entropy, views and samples.
-FAINT = 1e-4
 # Standard normal numbers of equal probability: noise is drawn as their 16-bit index, which costs a
 # third of drawing it by the ziggurat and is exact to 2^-16 in probability.
 _NORMALS = ndtri((np.arange(65536) + 0.5) / 65536.0)
@@ -47,7 +46,7 @@ def spread_poses(terrain: Terrain, n: int, rng: np.random.Generator) -> NDArray[
 
 def log_sum(log_w: NDArray[np.float64]) -> float:
     """Log sum exp; -inf for nothing but -inf."""
-    top = float(log_w.max())
+    top = float(log_w.max(initial=-inf))
     return top if top == -inf else top + float(np.log(np.exp(log_w - top).sum()))
 
 
@@ -72,10 +71,8 @@ class Ground:
         poses = np.column_stack([middle, np.zeros(len(middle))])
         n_places = self.bins.shape[0] * self.bins.shape[1]
         place = np.bincount(self.bins.index(poses) // self.bins.n_headings, minlength=n_places)
-        self.uniform = np.repeat(place / place.sum() / self.bins.n_headings, self.bins.n_headings)
-        self.uniform_entropy = entropy(self.uniform)
-        # The background's evidence is taken over these, the same for every robot and every run.
-        self.probes = spread_poses(self.terrain, 1000, np.random.default_rng(0))
+        uniform = np.repeat(place / place.sum() / self.bins.n_headings, self.bins.n_headings)
+        self.uniform_entropy = entropy(uniform)
 
 
 @lru_cache(maxsize=16)
@@ -96,8 +93,9 @@ class Cloud:
         place: Where it stands.
         rng: Source of the filter's noise.
         means: Of augmented MCL.
-        background: Probability of being anywhere, by :mod:`~activeloc.beliefs.recovery`.
-        noticed: How often the background has been drawn as particles.
+        n_kept: How many of them, the first, follow the robot from where it was; the others have
+            come since, for a robot that has been carried off.
+        noticed: How often the others have taken over.
         weights: ``(N,)`` summing to one; None where they must be computed from ``log_w``.
         log_total: Logarithm of their sum before they are normalised, where they are known.
         masses: ``(bins,)``; what the last scan left on the common bins, None once it has moved.
@@ -110,11 +108,12 @@ class Cloud:
     place: PlaceMemory
     rng: np.random.Generator
     means: RunningMeans
-    background: float = 0.0
+    n_kept: int
     noticed: int = 0
     weights: NDArray[np.float64] | None = None
     log_total: float = 0.0
     masses: NDArray[np.float64] | None = None
+    past: Past = field(default_factory=Past)
 
     def normalised(self) -> NDArray[np.float64]:
         """``(N,)``; weights that sum to one."""
@@ -125,6 +124,44 @@ class Cloud:
             w /= total
             self.weights, self.log_total = w, top + float(np.log(total))
         return self.weights
+
+    @property
+    def parts(self) -> list[slice]:
+        """The particles that are kept, and the others, if there are any."""
+        parts = [slice(0, self.n_kept), slice(self.n_kept, len(self.poses))]
+        return [part for part in parts if part.start < part.stop]
+
+    @property
+    def elsewhere(self) -> float:
+        """Probability that the robot has been carried off."""
+        return float(self.normalised()[self.n_kept :].sum())
+
+    def join(
+        self, poses: NDArray[np.float64], log_w: NDArray[np.float64], first: int | None = None
+    ) -> None:
+        """Take in others, behind the ``first`` particles or behind all.
+
+        Args:
+            poses: ``(n, 3)`` of the others.
+            log_w: ``(first + n,)``; new weights of everyone.
+            first: How many stay.
+        """
+        if len(poses) or first is not None:
+            self.poses = np.concatenate([self.poses[:first], poses])
+        self.log_w, self.weights, self.masses = log_w, None, None
+
+    def of(self, poses: NDArray[np.float64], log_w: NDArray[np.float64]) -> Cloud:
+        """Other particles on the same map, with the same source of noise."""
+        return replace(
+            self, poses=poses, log_w=log_w, n_kept=len(poses), weights=None, masses=None,
+            past=Past(),
+        )  # fmt: skip
+
+    def settle(self) -> None:
+        """Note what the particles that are kept weigh before the next step."""
+        self.past.w = self.elsewhere
+        with np.errstate(divide="ignore"):
+            self.past.log_kept = self.log_total + float(np.log1p(-self.past.w))
 
     def binned(self) -> NDArray[np.float64]:
         """``(bins,)``; weights on the common bins."""
@@ -143,7 +180,7 @@ class Cloud:
         """An independent cloud with the same future noise."""
         twin = copy(self)
         twin.poses, twin.log_w, twin.place = self.poses.copy(), self.log_w.copy(), self.place.copy()
-        twin.means = copy(self.means)
+        twin.means, twin.past = copy(self.means), self.past.copy()
         twin.rng = np.random.Generator(type(self.rng.bit_generator)())
         twin.rng.bit_generator.state = self.rng.bit_generator.state
         return twin

@@ -83,6 +83,8 @@ class ParticleConfig:
         n_min: Fewest particles.
         n_max: Most particles, once the first scan has been read.
         n_start: Particles that are spread over a whole map before a scan is read.
+        n_elsewhere: Fewest particles for the chance that the robot has been carried off, and poses
+            that are tried for it at each scan; as it grows, more, up to ``n_max`` and ``n_start``.
         per_state: Particles per effective state: N = ``per_state`` exp(H), within the two limits.
         allocation: A bin of mass m gets particles in proportion to m to this power, in (0, 1].
         ess_ratio: Resample when the effective sample size falls under this share of N.
@@ -103,9 +105,9 @@ class ParticleConfig:
             (:func:`activeloc.motion.slipped`): as large a share of the particles does not take it
             at its word.
         leak: Probability per step that the robot is carried anywhere, or was lost.
-        recovery: ``background``, ``augmented`` (running means of the likelihood) or ``none``; see
-            :mod:`activeloc.beliefs.recovery`.
-        widen: Weight of the background at which it is drawn as particles.
+        recovery: ``background`` (:mod:`activeloc.beliefs.carried_off`), ``augmented`` (running means
+            of the likelihood: :mod:`activeloc.beliefs.recovery`) or ``none``.
+        widen: Probability of having been carried off at which the robot is looked for everywhere.
         alpha_slow: Rate of the slow mean of augmented MCL.
         alpha_fast: Rate of the fast mean, not below ``alpha_slow``.
         injection: Where augmented MCL draws poses from: the ``scan``'s likelihood or ``free``
@@ -127,6 +129,7 @@ class ParticleConfig:
     n_min: int = 6_000
     n_max: int = 50_000
     n_start: int = 200_000
+    n_elsewhere: int = 1_000
     per_state: float = 20.0
     allocation: float = 0.7
     ess_ratio: float = 0.5
@@ -145,7 +148,7 @@ class ParticleConfig:
     slip: float = 0.05
     leak: float = 1e-3
     recovery: str = "background"
-    widen: float = 0.5
+    widen: float = 0.02
     alpha_slow: float = 0.001
     alpha_fast: float = 0.1
     injection: str = "scan"
@@ -161,6 +164,7 @@ class ParticleConfig:
         checks.integer("belief.n_min", self.n_min, 1, 10_000_000)
         checks.integer("belief.n_max", self.n_max, 1, 10_000_000)
         checks.integer("belief.n_start", self.n_start, 1, 10_000_000)
+        checks.integer("belief.n_elsewhere", self.n_elsewhere, 1, 10_000_000)
         if self.n_min > self.n_max:
             raise ConfigError(
                 f"belief.n_min must be at most belief.n_max; got {self.n_min} and {self.n_max}"

@@ -109,7 +109,7 @@ def weighted(poses, weights, n, seed=0, **kwargs):
 
 
 def resampled(belief):
-    belief._resample(belief._cloud(0), always=True)
+    belief.model.resample(belief._cloud(0), always=True)
     return belief.particles(0)
 
 
@@ -204,7 +204,7 @@ def test_it_resamples_where_the_effective_sample_size_of_the_wheel_is_low(alloca
     ratio = wheel.sum() ** 2 / (wheel**2).sum() / 600
     for ess_ratio, resamples in ((0.99 * ratio, False), (1.01 * ratio, True)):
         belief = weighted(poses, weights, 600, allocation=allocation, ess_ratio=ess_ratio)
-        belief._resample(belief._cloud(0))
+        belief.model.resample(belief._cloud(0))
         got, w = belief.particles(0)
         assert (not np.array_equal(got, poses)) == resamples
         if not resamples:

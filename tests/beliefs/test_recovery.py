@@ -1,7 +1,5 @@
 """Noticing a kidnapped robot: Bayes' rule by hand, and two filters that find it again."""
 
-from fractions import Fraction
-from itertools import product
 from math import exp, inf, log, pi
 
 import numpy as np
@@ -9,54 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from activeloc.beliefs.carried_off import look_back
+from activeloc.beliefs.particle_past import REMEMBERED
 from activeloc.beliefs.particles import ParticleBelief, ParticleConfig
-from activeloc.beliefs.recovery import RunningMeans, background_after
+from activeloc.beliefs.recovery import RunningMeans
 from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
-from activeloc.motion import MotionModel, MotionNoise, Terrain
+from activeloc.motion import MotionModel, MotionNoise, Terrain, move, wrap
 from activeloc.raycast import cast_scan
 from activeloc.sensors import BeamModel
-
-# --- the background's weight ---------------------------------------------------------------------
-
-SHARES = st.fractions(0, 1, max_denominator=1000)
-EVIDENCE = st.fractions(Fraction(1, 10**6), 1, max_denominator=10**6)
-
-
-@given(SHARES, SHARES, EVIDENCE, EVIDENCE)
-def test_the_background_is_weighed_by_bayes_rule(w, leak, uniform, local):
-    bar = w + leak * (1 - w)
-    exact = bar * uniform / (bar * uniform + (1 - bar) * local)
-    got = background_after(float(w), float(leak), log(uniform), log(local))
-    assert got == pytest.approx(float(exact), rel=1e-9, abs=1e-15)
-
-
-def test_without_a_leak_nothing_grows_from_nothing():
-    for log_uniform, log_local in [(-1.0, -50.0), (-50.0, -1.0), (-inf, -3.0), (-3.0, -inf)]:
-        assert background_after(0.0, 0.0, log_uniform, log_local) == 0.0
-
-
-def test_what_cannot_explain_the_scan_is_out():
-    assert background_after(0.2, 0.01, -5.0, -inf) == 1.0
-    assert background_after(0.2, 0.01, -inf, -5.0) == 0.0
-
-
-def test_where_neither_explains_the_scan_only_the_step_counts():
-    assert background_after(0.2, 0.5, -inf, -inf) == pytest.approx(0.6)
-    assert background_after(0.2, 0.0, -inf, -inf) == 0.2
-
-
-LOGS = [-inf, -1e300, -1e5, -1000.0, -700.0, 0.0]
-
-
-@pytest.mark.parametrize("leak", [0.0, 1e-200, 1e-5, 1.0])
-def test_extreme_evidence_gives_a_probability(leak):
-    for w, log_uniform, log_local in product([0, 5e-324, 1e-9, 0.5, 1 - 1e-16, 1], LOGS, LOGS):
-        got = background_after(float(w), leak, log_uniform, log_local)
-        assert 0.0 <= got <= 1.0
-        if 1e-9 <= w < 0.9 and leak < 1.0 and inf > abs(log_uniform - log_local) > 250.0:
-            assert got == pytest.approx(float(log_uniform > log_local), abs=1e-99)
-
 
 # --- running means -------------------------------------------------------------------------------
 
@@ -177,8 +136,8 @@ def test_without_recovery_it_is_not(seed):
     assert (background == 0.0).all()
 
 
-def test_the_background_grows_until_it_is_drawn_and_begins_again_at_zero():
-    belief = tracker(4, leak=1e-3, widen=0.9)
+def test_the_chance_grows_until_the_robot_is_looked_for_and_begins_again_at_zero():
+    belief = tracker(4, leak=1e-3, widen=0.1)
     heard = []
     for step, (pose, u, z) in enumerate(walk(16, 4, kidnapped_at=5)):
         belief.predict(0, u)
@@ -193,12 +152,6 @@ def test_the_background_grows_until_it_is_drawn_and_begins_again_at_zero():
         elif step < 5:
             assert belief.background(0) < 0.01
     assert sum(heard) == 1
-    never = tracker(4, leak=1e-3, widen=1.0)
-    near, background = followed(never, 12, 4, kidnapped_at=5)
-    assert background[:5].max() < 0.01
-    assert background[7] > 0.99
-    assert never.noticed(0) == 0
-    assert near[5:].max() < 0.1
 
 
 def test_a_robot_that_nobody_carries_off_is_not_looked_for():
@@ -212,31 +165,6 @@ def test_a_robot_that_nobody_carries_off_is_not_looked_for():
     print(f"noticed in {(noticed > 0).sum()} of 50 runs, mass near the truth {near.min():.2f}")
     assert noticed.sum() == 0
     assert near.min() > 0.8
-
-
-@pytest.mark.parametrize("readings", [12, 1])
-def test_the_weight_of_the_background_is_bayes_rule_for_the_scan(readings):
-    """One scan, by hand: mean likelihood over the particles against that over the open ground."""
-    belief = tracker(0, leak=0.01, widen=1.0, ess_ratio=1e-9, directions=0)
-    scan = np.array([1.0, np.nan, 2.0, 0.5, inf, 1.0, 1.0, 3.0, 0.7, 0.2, 0.3, 2.2])
-    scan[readings:] = np.nan
-
-    def mean_likelihood(poses, weights):
-        rows, law = belief.forecast(0, poses)
-        index = belief.reading_bins.index(np.minimum(scan, 3.0))
-        used = index >= 0
-        log_p = np.take_along_axis(law[index[used]].astype(np.float64).T, rows[:, used], axis=0)
-        return weights @ np.exp(log_p.sum(axis=1))
-
-    local = mean_likelihood(*belief.particles(0))
-    anywhere = mean_likelihood(belief._cloud(0).ground.probes, np.full(1_000, 1e-3))
-    evidence = belief.correct(0, scan)
-    assert exp(evidence) == pytest.approx(0.01 * anywhere + 0.99 * local, rel=1e-5)
-    assert belief.background(0) == pytest.approx(0.01 * anywhere / exp(evidence), rel=1e-5)
-    if readings == 1:  # The fewer readings, the more of the ground does a probe stand for.
-        ground = belief.terrain(0).uniform_poses(np.random.default_rng(1).random((40_000, 4)))
-        exact = mean_likelihood(ground, np.full(40_000, 1 / 40_000))
-        assert anywhere == pytest.approx(exact, rel=0.1)
 
 
 CERTAIN = {"w_hit": 1.0, "w_short": 0.0, "w_max": 0.0, "w_rand": 0.0}
@@ -257,12 +185,12 @@ def certain(sigma, n, **kwargs):
     return belief
 
 
-def test_a_scan_that_only_the_background_explains_widens_the_belief_at_once():
+def test_a_scan_that_only_a_robot_carried_off_reads_is_noticed_at_once():
     scan = np.full(12, np.nan)
     scan[[0, 4]] = cast_scan(flat(), THERE, SENSOR.bearings, 3.0)[[0, 4]]
     for recovery in ("none", "augmented"):
         assert certain(0.003, 500, recovery=recovery).correct(0, scan) == -inf
-    belief = certain(0.003, 500)
+    belief = certain(0.003, 500, n_elsewhere=1)  # Too few: as many as at the start are tried.
     assert -inf < belief.correct(0, scan) < log(belief.config.leak)
     assert belief.noticed(0) == 1
     assert belief.background(0) == 0.0
@@ -272,23 +200,20 @@ def test_a_scan_that_only_the_background_explains_widens_the_belief_at_once():
     assert belief.mass_near(0, THERE) > 0.0
 
 
-def test_too_few_poses_to_explain_a_scan_change_nothing():
-    """Of what is drawn anew nothing explains it: no NaN, and the next scan may."""
-    belief = certain(0.003, 5, n_max=5, n_start=1)
-    scan = np.full(12, np.nan)
-    scan[0] = 0.3
-    assert belief.correct(0, scan) > -inf
-    assert belief.noticed(0) == 0
-    assert belief.background(0) == 1.0
+@pytest.mark.parametrize("recovery", ["background", "augmented"])
+def test_a_scan_that_nothing_explains_changes_nothing(recovery):
+    kwargs = {"n_max": 5, "n_start": 1, "n_elsewhere": 1, "recovery": recovery}
+    belief = certain(0.003, 5, alpha_fast=1.0, reading_bin=0.02, **kwargs)
+    at_here = np.minimum(cast_scan(flat(), HERE, SENSOR.bearings, 3.0), 2.9)
+    assert belief.correct(0, at_here) > -inf
+    assert belief.correct(0, np.full(12, 0.3)) == -inf
     np.testing.assert_array_equal(belief.particles(0)[0], np.tile(HERE, (5, 1)))
     np.testing.assert_array_equal(belief.particles(0)[1], 0.2)
-
-    belief = certain(0.003, 5, n_max=5, recovery="augmented", alpha_fast=1.0, reading_bin=0.02)
-    at_here = np.minimum(cast_scan(flat(), HERE, SENSOR.bearings, 3.0), 2.9)
-    for scan in (at_here, at_here - 0.04):
-        assert belief.correct(0, scan) > -inf
-    assert belief._cloud(0).means.fast < 0.2 * belief._cloud(0).means.slow
-    np.testing.assert_array_equal(belief.particles(0)[0], np.tile(HERE, (5, 1)))
+    assert belief.noticed(0) == 0
+    if recovery == "augmented":  # Of what it draws by the scan nothing explains it either.
+        assert belief.correct(0, at_here - 0.04) > -inf
+        assert belief._cloud(0).means.fast < 0.2 * belief._cloud(0).means.slow
+        np.testing.assert_array_equal(belief.particles(0)[0], np.tile(HERE, (5, 1)))
 
 
 def test_a_leak_of_one_forgets_everything():
@@ -363,82 +288,177 @@ def test_injected_poses_lie_on_open_ground_and_are_as_many_as_the_means_say(inje
         assert 0.5 * np.abs(even - expected).sum() > 0.3
 
 
-# --- what a belief with a background says --------------------------------------------------------
+# --- Bayes' rule for a robot that may be carried off ---------------------------------------------
+
+EXACT = MotionModel(odometry=MotionNoise(), actuation=MotionNoise(), radius=0.1)
+LEAK = 0.02
+STILL = {
+    "slip": 0.0,
+    "odometry_floor": 1.0,
+    "leak": LEAK,
+    "likelihood_power": 0.1,
+    "ess_ratio": 1e-9,
+    "n_start": 100_000,
+    "n_elsewhere": 100_000,
+    "directions": 128,
+}
 
 
-def with_background(w):
-    belief = tracker(3)
-    for _, u, z in walk(2, 3):
-        belief.predict(0, u)
-        belief.correct(0, z)
-    cloud = belief._cloud(0)
-    cloud.background, cloud.masses = w, None
+def drives(steps, kidnapped_at):
+    """Odometry readings and scans, without noise of motion; the robot is carried off once."""
+    terrain, pose = Terrain(flat(), 0.1), HERE
+    rng = np.random.default_rng(8)
+    for step in range(steps):
+        pose = THERE if step == kidnapped_at else pose
+        pose = EXACT.execute(terrain, pose[None], DRIVE, np.zeros((1, 3)))[0][0]
+        ranges = cast_scan(flat(), pose, SENSOR.bearings, SENSOR.z_max)
+        yield DRIVE, SENSOR.sample(ranges, rng.random((12, 2)))
+
+
+def likelihood(belief, scan, poses):
+    """``(N,)``; the filter's, by its own table of the sensor, pose by pose."""
+    rows, law = belief.forecast(0, poses)
+    readings = belief.reading_bins.index(scan)
+    log_p = sum(law[readings[b], rows[:, b]].astype(np.float64) for b in range(len(scan)))
+    return np.exp(log_p)
+
+
+def exact_chances(belief, steps, n=400_000):
+    """Probability of having been carried off after each step, and where: poses, weights.
+
+    Slow and obvious: every step leaks to poses drawn over the ground; nobody is ever dropped.
+    """
+    terrain = belief.terrain(0)
+    rng, here, kept = np.random.default_rng(5), HERE[None], 1.0
+    poses, w, chances = np.empty((0, 3)), np.empty(0), []
+    for u, z in steps:
+        here, poses = move(terrain, here, u)[0], move(terrain, poses, u)[0]
+        new = terrain.uniform_poses(rng.random((n, 4)))
+        leaked = LEAK * (kept + w.sum())
+        w = np.append((1.0 - LEAK) * w, np.full(n, leaked / n))
+        poses = np.concatenate([poses, new])
+        w, kept = w * likelihood(belief, z, poses), (1.0 - LEAK) * kept
+        kept *= float(likelihood(belief, z, here)[0])
+        w, kept = w / (w.sum() + kept), kept / (w.sum() + kept)
+        chances.append(w.sum())
+    return np.array(chances), poses, w
+
+
+def still(seed, **kwargs):
+    """A filter without noise, all of whose particles are HERE."""
+    config = ParticleConfig(**{"n_min": 50} | PLAIN | STILL | kwargs)
+    belief = ParticleBelief(1, config, SENSOR, EXACT)
+    belief.reset(0, flat(), np.random.default_rng(seed), np.tile(HERE, (50, 1)))
     return belief
 
 
-@pytest.mark.parametrize("w", [1e-3, 0.3, 0.9])
-def test_entropy_and_mass_are_those_of_the_mixture(w):
-    plain, mixed = with_background(0.0), with_background(w)
-    bins, terrain = plain.bins(0), plain.terrain(0)
-    poses, weights = plain.particles(0)
-    # The open ground, bin by bin: cells lie whole in bins of five cells a side.
-    cells = terrain.grid.to_metres(terrain.open_cells[:, ::-1] + 0.5)
-    theta = -pi + (np.arange(12) + 0.5) * (pi / 6)
-    every = np.column_stack([np.repeat(cells, 12, axis=0), np.tile(theta, len(cells))])
-    uniform = np.bincount(bins.index(every), minlength=len(bins)) / len(every)
-    local = np.bincount(bins.index(poses), weights, len(bins))
-    mixture = (1.0 - w) * local + w * uniform
-    held, open_ = mixture[mixture > 0.0], uniform[uniform > 0.0]
-    one, two = plain.summarise(0), mixed.summarise(0)
-    assert two.entropy == pytest.approx(-(held * np.log(held)).sum(), abs=1e-9)
-    assert two.entropy > one.entropy
-    assert two.uniform_entropy == pytest.approx(-(open_ * np.log(open_)).sum())
-    np.testing.assert_allclose(two.estimate, one.estimate, atol=1e-12)
-    offset = poses - one.estimate
-    near = (np.hypot(offset[:, 0], offset[:, 1]) <= 0.5) & (
-        np.abs((offset[:, 2] + pi) % (2 * pi) - pi) <= np.deg2rad(20.0)
-    )
-    assert one.mass == pytest.approx(weights[near].sum(), abs=1e-9)
-    assert two.mass == pytest.approx((1.0 - w) * one.mass, abs=1e-12)
-    assert mixed.mass_near(0, HERE) == pytest.approx((1.0 - w) * plain.mass_near(0, HERE))
+def logit(p):
+    return np.log(p) - np.log1p(-p)
 
 
-@pytest.mark.parametrize("w", [0.0, 0.3, 0.9])
-def test_samples_are_drawn_from_elsewhere_in_proportion(w):
-    belief, n = with_background(w), 20_000
-    drawn = belief.sample(0, n, np.random.default_rng(0))
-    held = {tuple(pose) for pose in belief.particles(0)[0]}
-    elsewhere = np.array([tuple(pose) not in held for pose in drawn])
-    assert elsewhere.sum() == pytest.approx(w * n, abs=1)
-    assert belief.terrain(0).contains(drawn).all()
-    if w:
-        strange = drawn[elsewhere]
-        ground = belief.terrain(0).uniform_poses(np.random.default_rng(1).random((50_000, 4)))
-        np.testing.assert_allclose(strange.mean(axis=0), ground.mean(axis=0), atol=0.06)
-        np.testing.assert_allclose(strange.std(axis=0), ground.std(axis=0), rtol=0.03)
+@pytest.mark.parametrize("kidnapped_at", [1, 99])
+def test_newcomers_weigh_what_bayes_rule_says(kidnapped_at):
+    steps = list(drives(4, kidnapped_at))
+    exact, _, _ = exact_chances(still(0), steps)
+    got = []
+    for seed in range(3):
+        belief, row = still(seed, widen=1.0), []
+        for u, z in steps:
+            belief.predict(0, u)
+            evidence = belief.correct(0, z)
+            row.append(belief.background(0))
+        got.append(row)
+        assert np.isfinite(evidence)
+    off = logit(np.mean(got, axis=0)) - logit(exact)
+    print(f"chance {exact.round(4)}, off by {off.round(2)}")
+    # What is drawn by a scan is thinned: the first step has no noise but the probes'.
+    np.testing.assert_allclose(off, 0.0, atol=0.2)
+    assert abs(off[0]) < 0.1
 
 
-@pytest.mark.parametrize("w", [0.3, 0.9])
-def test_a_view_shows_the_background(w):
-    shown, plain = with_background(w).view(0, 4, 8, 8), with_background(0.0).view(0, 4, 8, 8)
-    assert shown.sum() == pytest.approx(1.0)
-    background = (shown - (1.0 - w) * plain) / w
-    ground = tracker(0)
-    uniform = ground.terrain(0).uniform_poses(np.random.default_rng(1).random((50_000, 4)))
-    ground.reset(0, flat(), np.random.default_rng(0), uniform)
-    assert 0.5 * np.abs(background - ground.view(0, 4, 8, 8)).sum() < 0.1
-    assert background.min() > -1e-12
+def test_looking_back_finds_what_bayes_rule_says():
+    steps = list(drives(5, 2))
+    exact, where, weights = exact_chances(still(0), steps)
+    got, mass = [], []
+    for seed in range(5):
+        belief = still(seed, widen=1.0, ess_ratio=0.5, n_min=20_000)
+        for u, z in steps:
+            belief.predict(0, u)
+            belief.correct(0, z)
+        cloud = belief._cloud(0)
+        assert len(cloud.past.steps) == 5
+        look_back(belief.model, cloud)
+        poses, w = belief.particles(0)
+        here = (np.abs(poses - belief_pose(belief, steps)) < 1e-4).all(axis=1)
+        got.append(w[~here].sum())
+        mass.append(w[~here] @ (poses[~here, 0] > 4.5))
+    print(f"chance {exact[-1]:.4f}, found {np.mean(got):.4f} +- {np.std(got):.4f}")
+    assert exact[-1] > 0.05
+    assert logit(np.mean(got)) == pytest.approx(logit(exact[-1]), abs=0.25)
+    assert np.mean(mass) == pytest.approx(weights @ (where[:, 0] > 4.5), abs=0.05)
 
 
-def test_a_background_belongs_to_its_copy_alone():
-    belief = with_background(0.3)
+def belief_pose(belief, steps):
+    """Where a robot is that started HERE and was not carried off."""
+    pose = HERE[None]
+    for u, _ in steps:
+        pose = move(belief.terrain(0), pose, u)[0]
+    return np.append(pose[0, :2], wrap(pose[0, 2]))
+
+
+def test_the_evidence_is_the_mixture_s():
+    (u, z), *_ = drives(1, 99)
+    belief = still(3, n_elsewhere=40_000)
+    belief.predict(0, u)
+    ground = belief.terrain(0).uniform_poses(np.random.default_rng(1).random((60_000, 4)))
+    here = move(belief.terrain(0), HERE[None], u)[0]
+    anywhere = likelihood(belief, z, ground).mean()
+    mixture = LEAK * anywhere + (1.0 - LEAK) * likelihood(belief, z, here)[0]
+    assert exp(belief.correct(0, z)) == pytest.approx(mixture, rel=1e-3)
+    assert belief.background(0) == pytest.approx(LEAK * anywhere / mixture, rel=0.1)
+
+
+def test_the_past_remembers_so_many_scans_that_count():
+    belief = still(0, widen=1.0, repetition=0.0)
+    turn = np.array([0.0, 0.0, 2.0 * pi])
+    for step, (u, z) in enumerate(drives(REMEMBERED + 4, 99)):
+        belief.predict(0, u)
+        belief.correct(0, z)
+        belief.predict(0, turn)
+        belief.correct(0, z)  # Read again from the same place: it does not count.
+        past = belief._cloud(0).past
+        assert len(past.steps) == min(step + 1, REMEMBERED)
+        assert len(past.motions) == 1
+        assert len(past.steps[-1].motions) == (1 if step == 0 else 2)
+    assert all(step.scan.weights.any() for step in past.steps)
+
+
+def test_a_past_belongs_to_its_copy_alone():
+    belief = still(0, widen=1.0)
+    steps = list(drives(3, 99))
+    for u, z in steps:
+        belief.predict(0, u)
+        belief.correct(0, z)
     twin = belief.copy()
-    _, u, z = next(iter(walk(1, 9, kidnapped_at=0)))
+    w = belief.background(0)
+    belief.predict(0, steps[0][0])
+    belief.correct(0, steps[0][1])
+    assert len(twin._cloud(0).past.steps) == 3
+    assert twin._cloud(0).past.motions == []
+    assert twin.background(0) == w != belief.background(0)
+
+
+def test_newcomers_lie_on_open_ground_behind_those_that_are_kept():
+    belief = still(1, widen=1.0, n_elsewhere=2_000)
+    (u, z), *_ = drives(1, 99)
     belief.predict(0, u)
     belief.correct(0, z)
-    assert twin.background(0) == 0.3
-    assert twin.noticed(0) == 0
-    assert belief.background(0) != 0.3
+    poses, w = belief.particles(0)
+    assert len(poses) == 50 + 2_000 // 20
+    assert np.ptp(poses[:50], axis=0).max() == 0.0
+    assert belief.terrain(0).contains(poses[50:]).all()
+    assert w[50:].sum() == belief.background(0) > 0.0
+    np.testing.assert_allclose(w[50:], w[50], rtol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from activeloc.beliefs import Summary
 from activeloc.beliefs.settings import HistogramConfig, ParticleConfig
 from activeloc.envs.episodes import EpisodeConfig, Episodes
 from activeloc.envs.rewards import RewardWeights
-from activeloc.envs.tasks import Task, carried, is_near, pose_error
+from activeloc.envs.tasks import Task, Watch, carried, is_near, pose_error
 from activeloc.errors import ActionError, ConfigError, MapError
 from activeloc.maps import from_text
 from activeloc.motion import move
@@ -217,13 +217,13 @@ def test_tracking_is_not_wrong_while_it_doubts():
 def test_a_robot_that_is_tracked_still_knows_where_it_is(belief):
     """Sensor and filter share one model, so the error stays small in most episodes."""
     n_right = 0
-    for seed in range(6):
+    for seed in range(20):
         env = hall_env(TRACKING, belief)
         env.reset(seed=seed)
         for action in (0, 0, 2, 2, 0, 2, 1, 2, 2, 0) * 2:
             info = env.step(action)[-1]
         n_right += info["is_success"]
-    assert n_right >= 5
+    assert n_right >= 17
 
 
 @pytest.mark.parametrize("kind", ["tracking", "kidnapped"])
@@ -509,7 +509,7 @@ SURE, DOUBT, LOST = 0.96, 0.94, 0.29
 )
 @pytest.mark.parametrize("right", [True, False])
 def test_steps_are_counted_from_the_kidnapping(masses, notice, recover, right):
-    task = {"kind": "kidnapped", "kidnap_first": 3, "kidnap_last": 3}
+    task = {"kind": "kidnapped", "kidnap_first": 3, "kidnap_last": 3, "leap": 1e3}
     episodes = scripted(masses, (0.0 if right else 2.0, 0.0, 0.0), **task)
     play(episodes, 2)
     assert not episodes.info(0)["noticed"]
@@ -519,6 +519,16 @@ def test_steps_are_counted_from_the_kidnapping(masses, notice, recover, right):
     assert info["recover_steps"] == (recover if right else -1)
     assert info["is_success"] == (right and recover >= 0)
     assert info["wrong"] == (not right and recover >= 0)
+
+
+@pytest.mark.parametrize(("metres", "leapt"), [(0.0, False), (1.99, False), (2.0, True)])
+@pytest.mark.parametrize("kidnapped", [True, False])
+def test_an_estimate_that_leaps_has_let_go(metres, leapt, kidnapped):
+    watch = Watch(Task(kind="kidnapped"), kidnapped_at=4 if kidnapped else -1)
+    for step in (4, 5, 6):
+        watch.see(step, SURE, near=True, jump=(metres if step == 5 else 0.0, 0.0))
+    assert watch.noticed == (kidnapped and leapt)
+    assert watch.notice_steps == (1 if kidnapped and leapt else -1)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,135 @@
+"""Where a robot may be that is not where its particles are.
+
+A robot may be carried off, or its particles may have lost it. The belief reckons with both: at each
+step it leaks a little of its mass to every place there is. Spread over a whole map, that mass would
+take as many particles as a robot that knows nothing. So it is followed in two ways:
+
+*Newcomers.* A few particles of each leak, drawn by the scan, join the cloud behind those that are
+kept. They move and are weighed like all others, and what they weigh together is the probability of
+having been carried off. They are enough to raise suspicion, and too few to say where the robot is:
+among like places a few lucky ones decide.
+
+*Looking back.* Once that probability reaches ``widen``, the last steps
+(:mod:`~activeloc.beliefs.particle_past`) are gone through again for the leaks alone, with as many
+particles as a robot takes that knows nothing. They take the newcomers' place, and the cloud is one
+again.
+
+Both are Bayes' rule for a uniform leak, but for what leaked before the steps that are remembered,
+which is taken to be uniform still.
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activeloc.beliefs.cloud import Cloud, log_sum, spread_poses
+from activeloc.beliefs.monte_carlo import MonteCarlo, drawn_by
+from activeloc.beliefs.particle_past import Counted, Past
+
+TRIED_PER_NEWCOMER = 20
+"""Poses that are weighed for each one that joins."""
+
+
+def take_in(model: MonteCarlo, cloud: Cloud, scan: Counted, log_w: NDArray[np.float64]) -> float:
+    """Give the particles their weights after a scan, and let newcomers join them.
+
+    Args:
+        model: Of the filter.
+        cloud: The particles, as they were before the scan; kept if nothing explains it.
+        scan: What was read.
+        log_w: ``(N,)``; their weights after it, on the cloud's scale. Overwritten.
+
+    Returns:
+        The scan's log-evidence; -inf if nothing explains it.
+    """
+    cloud.normalised()
+    before, poses, log_new = cloud.log_total, np.empty((0, 3)), np.empty(0)
+    if model.leak > 0.0 and scan.weights.any():
+        with np.errstate(divide="ignore"):
+            log_w += np.log1p(-model.leak)
+        for tried in (model.config.n_elsewhere, model.config.n_start):
+            poses, log_new = newcomers(model, cloud, scan, tried)
+            if len(poses) or log_w.max() > -inf:
+                break
+        log_new = log_new + before
+    log_kept = log_sum(log_w[: cloud.n_kept])
+    after = float(np.logaddexp(log_kept, log_sum(np.append(log_w[cloud.n_kept :], log_new))))
+    if after == -inf:
+        return -inf
+    if model.leak > 0.0:
+        cloud.past.read(scan, log_kept)
+    cloud.join(poses, np.append(log_w, log_new))
+    return after - before
+
+
+def newcomers(
+    model: MonteCarlo, cloud: Cloud, scan: Counted, tried: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where a robot may just have been carried ``(n, 3)``, with logarithmic weights ``(n,)``.
+
+    What leaks out of a belief of mass one is spread over the open ground and weighed by the scan,
+    and what is left of it is drawn as a few particles of equal weight.
+
+    Args:
+        model: Of the filter.
+        cloud: Whose map and source of noise are used.
+        scan: What was read.
+        tried: Poses that are weighed.
+    """
+    poses = spread_poses(cloud.ground.terrain, tried, cloud.rng)
+    log_p = np.zeros(tried)
+    model.weigh(cloud, poses, scan, log_p)
+    evidence = log_sum(log_p) - float(np.log(tried))
+    if evidence == -inf:
+        return np.empty((0, 3)), np.empty(0)
+    n = max(1, tried // TRIED_PER_NEWCOMER)
+    log_w = float(np.log(model.leak)) + evidence - float(np.log(n))
+    return poses[drawn_by(log_p, n, cloud.rng)], np.full(n, log_w)
+
+
+def look_back(model: MonteCarlo, cloud: Cloud) -> None:
+    """Go through the past again for what leaked; the cloud is one after that.
+
+    Args:
+        model: Of the filter.
+        cloud: The particles; its newcomers are given up for those that are found.
+    """
+    found, w = _found(model, cloud)
+    kept = cloud.normalised()[: cloud.n_kept]
+    scale = (1.0 - w) / kept.sum() if kept.any() else 0.0
+    with np.errstate(divide="ignore"):
+        log_w = np.log(np.append(kept * scale, found.normalised() * w))
+    cloud.join(found.poses, log_w, cloud.n_kept)
+    cloud.n_kept, cloud.past = len(cloud.poses), Past()
+    cloud.noticed += 1
+    model.resample(cloud, always=True)
+
+
+def _found(model: MonteCarlo, cloud: Cloud) -> tuple[Cloud, float]:
+    """Where a robot is that was carried off in the past, and the probability that it was."""
+    n = model.config.n_start
+    found = cloud.of(spread_poses(cloud.ground.terrain, n, cloud.rng), np.full(n, -np.log(n)))
+    with np.errstate(divide="ignore"):
+        log_found, log_kept = np.log(cloud.past.steps[0].w), np.log1p(-cloud.past.steps[0].w)
+        stay = np.log1p(-model.leak)
+    for step in cloud.past.steps:
+        for u, contact in step.motions:
+            model.move(found, u, contact)
+        log_w = found.log_w.copy()
+        model.weigh(found, found.poses, step.scan, log_w)
+        poses, log_new = newcomers(model, found, step.scan, n // 4)
+        both = np.logaddexp(log_kept, log_found)
+        log_w = np.append(log_w + (log_found + stay), log_new + both)
+        if log_w.max() == -inf:  # An impossible scan is no evidence.
+            continue
+        found.join(poses, log_w)
+        found.n_kept = len(found.poses)
+        found.normalised()
+        log_found, log_kept = found.log_total, log_kept + step.log_kept
+        found.log_w -= log_found
+        found.log_total = 0.0
+        model.resample(found)
+    return found, float(1.0 / (1.0 + np.exp(np.clip(log_kept - log_found, -700.0, 700.0))))

@@ -1,0 +1,245 @@
+"""One step of Monte Carlo localization: particles are moved, weighed and drawn anew.
+
+Thrun, Burgard & Fox, *Probabilistic Robotics* (2005), tables 8.2 and 8.3.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from activeloc.beliefs import particle_kernels as kernels
+from activeloc.beliefs.cloud import Cloud, normals, spread_poses
+from activeloc.beliefs.particle_past import Counted
+from activeloc.beliefs.resampling import SCHEMES
+from activeloc.beliefs.sample_size import draw_until, effective_states
+from activeloc.beliefs.settings import ParticleConfig
+from activeloc.motion import MotionModel, move, slipped
+from activeloc.range_table import level_ranges, levels_of
+from activeloc.sensors import RangeSensor, ReadingBins
+from activeloc.sensors.readings import ExpectedRangeSensor, rays_of, widened
+
+
+def drawn_by(log_p: NDArray[np.float64], n: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Indices ``(n,)``, drawn systematically in proportion to exp of ``log_p (N,)``."""
+    return SCHEMES["systematic"](np.exp(log_p - log_p.max()), n, rng.random(1))
+
+
+class MonteCarlo:
+    """The models of a particle filter, and what they do to a cloud.
+
+    Args:
+        config: Settings.
+        sensor: The sensor that the filter assumes, before it is widened.
+        motion: The motion model that the filter assumes.
+    """
+
+    def __init__(self, config: ParticleConfig, sensor: RangeSensor, motion: MotionModel) -> None:
+        self.config = config
+        self.sensor = widened(sensor, config.sigma_factor)
+        self.motion = motion
+        self.reading_bins = ReadingBins(sensor.z_max, config.reading_bin)
+
+    @property
+    def leak(self) -> float:
+        """Probability per step that the robot is carried off, as far as it is reckoned with."""
+        return self.config.leak if self.config.recovery == "background" else 0.0
+
+    def _powered(self, p: NDArray[np.float64]) -> NDArray[np.float32]:
+        """``(Z, R)`` of powered log-probabilities for ``(R, Z)`` of probabilities."""
+        with np.errstate(divide="ignore"):
+            log_p = self.config.likelihood_power * np.log(p)
+        return np.ascontiguousarray(log_p.T.astype(np.float32))
+
+    @cached_property
+    def _law(self) -> NDArray[np.float32] | None:
+        """``(Z, LEVELS)``; powered log P(bin | level of the expected range), if it has one."""
+        if not isinstance(self.sensor, ExpectedRangeSensor):
+            return None
+        return self._powered(self.sensor.masses(level_ranges(self.sensor.z_max), self.reading_bins))
+
+    def move(self, cloud: Cloud, u: NDArray[np.float64], contact: bool) -> None:
+        """Move every particle by the odometry's reading, with its noise.
+
+        Args:
+            cloud: The particles; their weights change where the map contradicts the odometry.
+            u: ``(3,)`` odometry reading: rotation [rad], translation [m], rotation [rad].
+            contact: Whether the robot has felt an obstacle, and it is news.
+        """
+        sigma = self.motion.odometry.sigma(u)
+        n = len(cloud.poses)
+        cloud.masses = None
+        slipping = cloud.rng.integers(0, n, int(self.config.slip * n + cloud.rng.random()))
+        before, weighed = cloud.poses[slipping], cloud.log_w[slipping]
+        if u[1] == 0.0 and sigma[1] == 0.0:
+            spread = float(np.hypot(sigma[0], sigma[2]))
+            kernels.turn(cloud.poses, float(u[0] + u[2]), spread, normals(cloud.rng, n))
+        else:
+            if u[0] != 0.0 or sigma[0] > 0.0:
+                kernels.turn(cloud.poses, float(u[0]), float(sigma[0]), normals(cloud.rng, n))
+            self._drive(cloud, u, sigma)
+        if len(slipping):
+            motions = slipped(u, cloud.rng.random((len(slipping), 2)))
+            cloud.poses[slipping] = move(cloud.ground.terrain, before, motions)[0]
+            cloud.log_w[slipping] = weighed  # They drove another way than the one cut short.
+        if contact and self.config.contact_floor < 1.0:
+            ground = cloud.ground
+            kernels.touch(
+                ground.terrain.blocked, ground.terrain.room, ground.frame, cloud.poses,
+                self.config.contact_reach, cloud.log_w, float(np.log(self.config.contact_floor)),
+            )  # fmt: skip
+            cloud.weights = None
+
+    def _drive(self, cloud: Cloud, u: NDArray[np.float64], sigma: NDArray[np.float64]) -> None:
+        """Travel and the second rotation."""
+        ground = cloud.ground
+        theta = cloud.poses[:, 2].astype(np.float32)
+        # A tenth of the way, or five centimetres, may be missing: the odometry is noisy too.
+        slack = max(0.05, 0.1 * abs(float(u[1])))
+        kernels.drive(
+            ground.terrain.blocked, ground.terrain.room, ground.frame, cloud.poses, u, sigma,
+            normals(cloud.rng, len(theta), 2), np.cos(theta), np.sin(theta), cloud.log_w, slack,
+            float(np.log(self.config.odometry_floor)),
+        )  # fmt: skip
+        cloud.weights = None
+
+    def weigh(
+        self, cloud: Cloud, poses: NDArray[np.float64], scan: Counted, log_w: NDArray[np.float64]
+    ) -> None:
+        """Add the scan's weighted log-likelihood at each pose to ``log_w (N,)``, in place."""
+        table, law = cloud.table, self._law
+        if table is None or law is None:
+            rows, log_p = self.rows(cloud, poses)
+            kernels.weigh_by_rows(log_w, rows, log_p, scan.readings, scan.weights)
+            return
+        counts = (scan.readings >= 0) & (scan.weights > 0.0)
+        read = law[scan.readings[counts]] * scan.weights[counts, None]
+        kernels.weigh_by_table(
+            table.table, table.index, table.blocked, table.frame, table.reach, poses,
+            self.sensor.bearings[counts], read.astype(np.float32), log_w,
+        )  # fmt: skip
+
+    def rows(
+        self, cloud: Cloud, poses: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """At poses ``(N, 3)``: rows ``(N, B)`` of a table ``(Z, R)`` of powered log-likelihoods."""
+        rays = rays_of(poses, self.sensor.bearings)
+        if self._law is not None and isinstance(self.sensor, ExpectedRangeSensor):
+            if cloud.table is not None:
+                return cloud.table.levels(poses, self.sensor.bearings), self._law
+            expected = self.sensor.expected(cloud.ground.grid, rays)
+            return levels_of(expected, self.sensor.z_max), self._law
+        p = self.sensor.bin_probabilities(cloud.ground.grid, rays, self.reading_bins)
+        rows = np.arange(p.shape[0] * p.shape[1], dtype=np.int32).reshape(p.shape[:2])
+        return rows, self._powered(p.reshape(-1, p.shape[-1]))
+
+    def inject(self, cloud: Cloud, share: float, scan: Counted) -> None:
+        """Resample, and put poses drawn anew in the place of a share of the particles."""
+        self.resample(cloud, always=True)
+        n = int(share * len(cloud.poses))
+        if self.config.injection == "scan":
+            candidates = spread_poses(cloud.ground.terrain, max(20 * n, 1000), cloud.rng)
+            log_p = np.zeros(len(candidates))
+            self.weigh(cloud, candidates, scan, log_p)
+            if log_p.max() == -inf:  # Too few to find a pose that explains the scan.
+                return
+            drawn = candidates[drawn_by(log_p, n, cloud.rng)]
+        else:
+            drawn = spread_poses(cloud.ground.terrain, n, cloud.rng)
+        cloud.poses[cloud.rng.choice(len(cloud.poses), n, replace=False)] = drawn
+        cloud.masses = None
+
+    def resample(self, cloud: Cloud, always: bool = False) -> None:
+        """Draw the particles anew by their weights, as many as the belief needs.
+
+        With an ``allocation`` a under one, a bin that holds mass m gets particles in proportion to
+        m^a instead of m, and they keep weights in proportion to m^(1 - a): an unlikely place is
+        followed by more of them than its share, so that its evidence is known better and the truth
+        does not die out among like places. The belief is the same.
+        """
+        index = np.empty(len(cloud.poses), dtype=np.int32)
+        cloud.masses = cloud.bin(index)
+        weights, redrawn = cloud.normalised(), False
+        drawn: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+        for part in cloud.parts:
+            total = float(weights[part].sum())
+            if total == 0.0:
+                redrawn = True
+                continue
+            chosen = self._redraw(cloud, part, weights[part], index[part], always)
+            if chosen is None:
+                drawn.append((cloud.poses[part], weights[part]))
+                continue
+            redrawn = True
+            survivors, w = chosen
+            out, n = np.empty((len(survivors), 3)), len(survivors)
+            kernels.roughen(
+                cloud.ground.terrain.open, cloud.ground.frame, cloud.poses[part], survivors,
+                normals(cloud.rng, n, 3), self.config.roughening_xy, self.config.roughening_theta,
+                out,
+            )  # fmt: skip
+            drawn.append((out, w * (total / w.sum())))
+        if redrawn:
+            cloud.n_kept = len(drawn[0][0])
+            cloud.poses = np.concatenate([poses for poses, _ in drawn])
+            cloud.weights = np.concatenate([w for _, w in drawn])
+            cloud.log_w, cloud.log_total = np.log(cloud.weights), 0.0
+
+    def _redraw(
+        self,
+        cloud: Cloud,
+        part: slice,
+        weights: NDArray[np.float64],
+        index: NDArray[np.int32],
+        always: bool,
+    ) -> tuple[NDArray[np.intp], NDArray[np.float64]] | None:
+        """Survivors ``(n,)`` of a part of the cloud and their weights, or None to leave it alone.
+
+        Args:
+            cloud: The particles.
+            part: Which of them.
+            weights: ``(N,)``, of the part.
+            index: ``(N,)``; common bin of each.
+            always: Whether to draw even if the effective sample size is large.
+        """
+        n, a, bins = len(weights), self.config.allocation, len(cloud.ground.bins)
+        masses = np.bincount(index, weights, minlength=bins)
+        held = np.flatnonzero(masses)
+        factor = np.ones(bins)
+        factor[held] = masses[held] ** (a - 1.0)
+        wheel = np.empty(n)
+        squares = kernels.wheel_of(weights, index, factor, wheel)
+        most = self.config.n_elsewhere if part.start > 0 else self.config.n_max
+        even = wheel[-1] ** 2 >= self.config.ess_ratio * n * squares
+        if not always and even and n <= 2 * most:
+            return None
+        chosen = self._choose(cloud, part, wheel, masses / masses.sum(), most)
+        return chosen, 1.0 / factor[index[chosen]]
+
+    def _choose(
+        self,
+        cloud: Cloud,
+        part: slice,
+        wheel: NDArray[np.float64],
+        masses: NDArray[np.float64],
+        most: int,
+    ) -> NDArray[np.intp]:
+        """Indices of the survivors, by cumulative weights; ``most`` bounds their number."""
+        config = self.config
+        least = min(config.n_min, most)
+        if config.sizing == "kld":
+            bins = cloud.ground.kld_bins
+            out = np.empty(most, dtype=np.intp)
+            n = draw_until(
+                wheel, bins.index(cloud.poses[part]), cloud.rng.random(most),
+                float(ndtri(config.kld_confidence)), config.kld_error, least,
+                np.zeros(len(bins), dtype=np.bool_), out,
+            )  # fmt: skip
+            return out[:n]
+        wanted = config.per_state * effective_states(masses, config.allocation)
+        n = int(np.clip(wanted, least, most))
+        return SCHEMES[config.resampling](np.diff(wheel, prepend=0.0), n, cloud.rng.random(n))
