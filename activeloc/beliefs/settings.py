@@ -105,8 +105,8 @@ class ParticleConfig:
             (:func:`activeloc.motion.slipped`): as large a share of the particles does not take it
             at its word.
         leak: Probability per step that the robot is carried anywhere, or was lost.
-        recovery: ``background`` (:mod:`activeloc.beliefs.carried_off`), ``augmented`` (running means
-            of the likelihood: :mod:`activeloc.beliefs.recovery`) or ``none``.
+        recovery: ``background`` (:mod:`activeloc.beliefs.carried_off`), ``augmented`` (running
+            means of the likelihood: :mod:`activeloc.beliefs.recovery`) or ``none``.
         widen: Probability of having been carried off at which the robot is looked for everywhere.
         alpha_slow: Rate of the slow mean of augmented MCL.
         alpha_fast: Rate of the fast mean, not below ``alpha_slow``.
