@@ -63,7 +63,7 @@ def run(
         from activeloc.envs.rendering import write_gif
 
         write_gif(frames, out)
-    print(_result(record) + (f"; {out}" if out is not None else ""))
+    print(result_line(record) + (f"; {out}" if out is not None else ""))
 
 
 def _watch(player: Any, agent: str, episode: int, frames: list[NDArray[np.uint8]]) -> Record:
@@ -87,7 +87,7 @@ def _watch(player: Any, agent: str, episode: int, frames: list[NDArray[np.uint8]
     return record
 
 
-def _result(record: Record) -> str:
+def result_line(record: Record) -> str:
     """How an episode ended, in one line."""
     end = "wrong and sure" if record.wrong else "not localized"
     if record.success:

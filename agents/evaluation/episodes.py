@@ -19,6 +19,8 @@ from activeloc.agents.imagination import plan_of
 from activeloc.beliefs.particles import ParticleBelief
 from activeloc.envs.episodes import Knowledge
 from activeloc.envs.localization import LocalizationEnv
+from activeloc.envs.recorder import Recorder
+from activeloc.envs.rendering import Recording
 
 LOST = 1e-3
 """The truth is lost when less than this of the belief is near it."""
@@ -49,7 +51,7 @@ class Player:
 
     def __init__(self, sweep: Sweep, render_mode: str | None = None) -> None:
         self.sweep = sweep
-        self.env = gym.make(
+        self.env: gym.Env[Any, Any] = gym.make(
             sweep.env,
             max_episode_steps=sweep.limit,
             disable_env_checker=True,
@@ -115,6 +117,17 @@ class Player:
             watch(self.core, len(tally.rewards), info)
         tally.gains = tuple(meter.gains)
         return self._record(agent, episode, tally, info)
+
+    def record(
+        self, agent: str, episode: int, watch: Watch | None = None
+    ) -> tuple[Record, Recording]:
+        """:meth:`play`, taken down to be shown; durations are those of taking it down besides."""
+        recorder = Recorder(self.env)
+        self.env = recorder
+        try:
+            return self.play(agent, episode, watch), recorder.recording(agent)
+        finally:
+            self.env = recorder.env
 
     def _n_particles(self) -> int | None:
         belief = self.core.knowledge.belief

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from activeloc.envs.rendering import write_page
+from activeloc.envs.rendering import frames_of, write_mp4, write_page
 from activeloc.envs.rendering.marks import BELIEF_COLOURS
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -257,3 +257,21 @@ def test_axe_finds_nothing(opened, recording_of):
     assert len(light["passes"]) > 30
     found = light["violations"] + dark["violations"]
     assert [(rule["id"], rule["nodes"][0]["html"]) for rule in found] == []
+
+
+def test_an_mp4_plays(chromium, recording_of, tmp_path):
+    pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed")
+    write_mp4(frames_of([recording_of(steps=4)], 300), tmp_path / "film.mp4", fps=10.0)
+    page = chromium.new_page()
+    page.goto((tmp_path / "film.mp4").as_uri())
+    film = page.locator("video")
+    film.evaluate("""film => new Promise((done, fail) => {
+      film.onerror = () => fail(film.error);
+      film.muted = true;
+      film.onended = done;
+      film.play();
+    })""")
+    size = film.evaluate("film => [film.videoWidth, film.videoHeight, film.duration]")
+    height, width, _ = next(frames_of([recording_of()], 300)).shape
+    assert size == [width, height, pytest.approx(2.5)]
+    page.close()

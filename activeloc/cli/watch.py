@@ -1,0 +1,142 @@
+"""``activeloc watch``: an episode as a film, or as a page to be replayed in a browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from activeloc.cli import settings as options
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from activeloc.agents.evaluation import Player, Record
+    from activeloc.envs.localization import LocalizationEnv
+    from activeloc.envs.rendering import Recording
+
+HELP = """Play an episode and show it; with several agents, each plays it from the same start.
+
+\b
+.html  A page to be replayed in a browser: play, step, scrub, switch layers, look at
+       the belief by heading. One file, no server, nothing fetched.
+.gif   An animated picture.
+.mp4   A film; needs activeloc[video].
+
+\b
+An agent that seeks information, on your own map:
+  activeloc watch --agent active --map home.yaml --out active.html
+Two agents from the same start, in the office building with seed 3:
+  activeloc watch --agent active --agent spin --map office:3 --out both.html
+Episode 17 of `activeloc evaluate --map office:0-3 --seed 0`, as it was played there:
+  activeloc watch --agent greedy --map office:0-3 --seed 0 --episode 17 --out greedy-17.gif
+"""
+
+SUFFIXES = (".gif", ".mp4", ".html")
+
+
+def watch(
+    out: Annotated[Path, typer.Option("--out", help=".html, .gif or .mp4.", metavar="FILE")],
+    agent: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--agent",
+            help="Its name; several play side by side. [default: active; in mazes greedy]",
+            metavar="NAME",
+        ),
+    ] = None,
+    env: options.Env = "activeloc/GlobalLocalization-v0",
+    map_spec: options.MapIfGiven = None,
+    belief: options.Belief = "histogram",
+    seed: options.Seed = 0,
+    episode: Annotated[
+        int, typer.Option("--episode", help="Which episode of the seed.", metavar="I")
+    ] = 0,
+    steps: options.Steps = None,
+    settings: options.Settings = None,
+    fps: Annotated[
+        float, typer.Option("--fps", help="Steps a second, of a film.", metavar="N")
+    ] = 5.0,
+    size: Annotated[
+        int | None,
+        typer.Option(
+            "--size",
+            help="Longer side of an agent's picture [px], of a film, even. "
+            "[default: 600, of several 480]",
+        ),
+    ] = None,
+) -> None:
+    """Play an episode with each agent, and write what happened."""
+    from activeloc import checks
+    from activeloc.agents.evaluation import Player
+    from activeloc.cli.outputs import check_output
+    from activeloc.cli.run import result_line
+
+    names = _names(agent or [options.default_agents(env).split(",")[-1]])
+    size = (600 if len(names) == 1 else 480) if size is None else size
+    checks.integer("episode", episode, 0, 1_000_000)
+    checks.number("fps", fps, 0.0, 50.0, above_low=True)
+    checks.integer("size", size, 300, 4000)
+    check_output(out, SUFFIXES)
+    if out.suffix.lower() == ".mp4":
+        from activeloc.envs.rendering import demand_encoder
+
+        demand_encoder()
+    sweep = options.make_sweep(env, map_spec, belief, names, settings or [], seed, steps)
+    played = _play(Player(sweep), names, episode)
+    about = f"{sweep.env}, {belief} belief, seed {seed}, episode {episode}"
+    write([recording for _, recording in played], out, fps, size, about)
+    for record, _ in played:
+        print(result_line(record))
+    print(f"{out}: {out.stat().st_size / 1e6:.2f} MB")
+
+
+def write(recordings: Sequence[Recording], out: Path, fps: float, size: int, about: str) -> None:
+    """Write recordings as what the file's suffix says.
+
+    Raises:
+        OSError: If it cannot be written.
+    """
+    from activeloc.envs.rendering import frames_of, write_gif, write_mp4, write_page
+
+    suffix = out.suffix.lower()
+    if suffix == ".html":
+        write_page(recordings, out, about)
+    elif suffix == ".mp4":
+        write_mp4(frames_of(recordings, size), out, fps)
+    else:
+        write_gif(list(frames_of(recordings, size)), out, fps)
+
+
+def _names(agents: Sequence[str]) -> list[str]:
+    """The agents' names.
+
+    Raises:
+        ConfigError: If one comes twice.
+    """
+    from activeloc.errors import ConfigError
+
+    for name in agents:
+        if agents.count(name) > 1:
+            raise ConfigError(f"--agent: {name} is given twice")
+    return list(agents)
+
+
+def _play(player: Player, agents: Sequence[str], episode: int) -> list[tuple[Record, Recording]]:
+    """Play with a line of progress on standard error."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    with console.status("starting") as status:
+        played = []
+        for name in agents:
+
+            def tell(
+                env: LocalizationEnv, step: int, info: dict[str, Any], who: str = name
+            ) -> None:
+                status.update(f"{who}: step {step}, entropy {info['entropy']:.2f} nat")
+
+            played.append(player.record(name, episode, tell))
+        status.update("writing")
+    return played
