@@ -29,6 +29,8 @@ Four agents, 64 episodes each in four office buildings, on 4 processes:
 Two agents on your own map, with a sensor that sees 3 m:
   activeloc evaluate --agents greedy,active --map home.yaml \\
       --set sensor.z_max=3 --out results-home
+The same with a page to look at, and replays of each agent's best and worst episodes:
+  activeloc evaluate --map office:0-3 --episodes 64 --jobs 4 --out results --report
 The particle filter, tracking, with 75 steps an episode:
   activeloc evaluate --env PositionTracking-v0 --belief particles \\
       --steps 75 --out results-tracking
@@ -45,6 +47,7 @@ Into DIR: episodes.csv  a row for each episode (entropy [nat], errors [m], [rad]
           curves.csv    entropy by step, as a fraction of the uniform belief's
           summary.json  scores, intervals, differences, configuration, timings
           entropy.png   the curves, where matplotlib is installed
+          report.html   with --report: all of it, and links to replays/
 """
 
 
@@ -87,6 +90,14 @@ def evaluate(
             metavar="FILE",
         ),
     ] = None,
+    report: Annotated[
+        bool,
+        typer.Option(
+            "--report",
+            help="Write report.html: tables, curves, and replays of each agent's best, median "
+            "and worst episode, which are played again.",
+        ),
+    ] = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Throw away what DIR holds of earlier runs.")
     ] = False,
@@ -104,7 +115,7 @@ def evaluate(
     sweep = replace(sweep, gains=gains, starts=given)
     with _progress(sweep) as progress:
         try:
-            report = evaluation.evaluate(
+            results = evaluation.evaluate(
                 sweep,
                 out,
                 jobs=jobs,
@@ -121,7 +132,23 @@ def evaluate(
                 else "no episode was finished"
             )
             raise
-    _print(report, out)
+    if report:
+        _illustrate(results, out)
+    _print(results, out)
+
+
+def _illustrate(results: Report, folder: Path) -> None:
+    """Write the page, with a line of progress on standard error."""
+    from rich.console import Console
+
+    from activeloc.agents.evaluation import write_gallery
+
+    with Console(stderr=True).status("replays") as status:
+        write_gallery(
+            results,
+            folder,
+            lambda choice: status.update(f"replay: {choice.record.agent}, {choice.rank}"),
+        )
 
 
 class _Progress:

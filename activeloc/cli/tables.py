@@ -7,29 +7,12 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
+from activeloc.agents.evaluation.headings import HEADINGS
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from activeloc.agents.evaluation import Estimate, Report
-
-_HEADS = {
-    "right": ("right", ".2f"),
-    "likeliest": ("likeliest\nis true", ".2f"),
-    "return": ("return", ".2f"),
-    "wrong": ("wrong\nand sure", ".2f"),
-    "wrong_of_declared": ("wrong of\ndeclared", ".2f"),
-    "steps": ("steps", ".0f"),
-    "entropy_auc": ("area", ".2f"),
-    "error_m": ("error\n[m]", ".2f"),
-    "noticed": ("noticed", ".2f"),
-    "recovered": ("recovered", ".2f"),
-    "notice_steps": ("steps to\nnotice", ".1f"),
-    "recover_steps": ("steps to\nrecover", ".1f"),
-    "false_alarm": ("false\nalarms", ".3f"),
-    "expected_gain": ("expected\n[nat]", ".3f"),
-    "realised_gain": ("realised\n[nat]", ".3f"),
-    "earned": ("realised /\nexpected", ".2f"),
-}
 
 
 def scores_table(report: Report) -> Table:
@@ -53,11 +36,11 @@ def gains_table(report: Report) -> Table:
 
 
 def _table(rows: Mapping[str, Mapping[str, Estimate]], sign: str) -> Table:
-    names = [name for name in _HEADS if all(name in scores for scores in rows.values())]
+    names = [name for name in HEADINGS if all(name in scores for scores in rows.values())]
     table = Table(box=None, pad_edge=False)
     table.add_column("agent", no_wrap=True)
     for name in names:
-        table.add_column(_HEADS[name][0], justify="right", no_wrap=True)
+        table.add_column(HEADINGS[name][0], justify="right", no_wrap=True)
     for agent, scores in rows.items():
         table.add_row(agent, *(_cell(name, scores[name], sign) for name in names))
     return table
@@ -67,6 +50,6 @@ def _cell(name: str, estimate: Estimate, sign: str) -> str:
     """A score over its interval."""
     if isnan(estimate.value):
         return "-"
-    form = _HEADS[name][1]
+    form = HEADINGS[name][1]
     low, high = f"{estimate.low:z{form}}", f"{estimate.high:z{form}}"
     return f"{estimate.value:{sign}z{form}}\n{low}..{high}"

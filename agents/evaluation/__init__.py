@@ -17,6 +17,7 @@ taken the limit's steps, and its entropy counts as 1 from a wrong declaration on
 """
 
 from activeloc.agents.evaluation.episodes import Player
+from activeloc.agents.evaluation.gallery import write_gallery
 from activeloc.agents.evaluation.records import Record, penalised_area
 from activeloc.agents.evaluation.report import Report
 from activeloc.agents.evaluation.runner import evaluate
@@ -33,4 +34,5 @@ __all__ = [
     "Sweep",
     "evaluate",
     "penalised_area",
+    "write_gallery",
 ]

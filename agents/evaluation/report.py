@@ -5,6 +5,7 @@ episodes.csv    one row for each episode of each agent
 curves.csv      mean entropy step by step, with its interval
 summary.json    scores with intervals, differences, configuration, versions, timings
 entropy.png     the curves, drawn; only where matplotlib is installed
+report.html     all of that as a page, with replays: :mod:`activeloc.agents.evaluation.gallery`
 =============== ==================================================================================
 
 The two CSV files hold nothing that depends on the machine's speed: they are the same bytes whatever
@@ -37,7 +38,7 @@ from activeloc.agents.evaluation.statistics import Estimate
 from activeloc.agents.evaluation.sweep import Sweep
 from activeloc.files import write_atomically
 
-RESULTS = ("episodes.csv", "curves.csv", "summary.json", "entropy.png")
+RESULTS = ("episodes.csv", "curves.csv", "summary.json", "entropy.png", "report.html")
 
 _COLUMNS = {
     "agent": "agent",

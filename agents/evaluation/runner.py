@@ -10,6 +10,7 @@ from pathlib import Path
 from activeloc import checks
 from activeloc.agents.evaluation.episodes import Player
 from activeloc.agents.evaluation.lock import locked
+from activeloc.agents.evaluation.page import REPLAYS
 from activeloc.agents.evaluation.records import FILE_NAME, Record, RecordFile, read_records
 from activeloc.agents.evaluation.report import RESULTS, Report, write_report
 from activeloc.agents.evaluation.sweep import Sweep
@@ -61,8 +62,8 @@ def evaluate(
     _make(folder)
     with locked(folder):
         if overwrite:
-            for name in (FILE_NAME, *RESULTS):
-                (folder / name).unlink(missing_ok=True)
+            for path_of_old in (folder / FILE_NAME, *_results_in(folder)):
+                path_of_old.unlink(missing_ok=True)
         with closing(RecordFile(path, sweep.identity())) as file:
             _play_rest(player, file, jobs, on_start, on_record)
         report = Report(sweep, _wanted(sweep, file.records), command)
@@ -83,6 +84,11 @@ def _check_folder(folder: Path, overwrite: bool) -> None:
             f"{folder} holds {foreign[0]} but not the episodes behind it; "
             "choose another folder or start with --overwrite"
         )
+
+
+def _results_in(folder: Path) -> list[Path]:
+    """The files of an earlier run; the folder of its replays stays, without them."""
+    return [*(folder / name for name in RESULTS), *(folder / REPLAYS).glob("*.html")]
 
 
 def _make(folder: Path) -> None:

@@ -1,31 +1,12 @@
 """The replay as people see it: in a browser, where there is one."""
 
-import os
-import shutil
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from activeloc.envs.rendering import frames_of, write_mp4, write_page
 from activeloc.envs.rendering.marks import BELIEF_COLOURS
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 FLOOR, DARK_FLOOR, WALL, UNKNOWN = (255, 255, 255), (23, 26, 32), (43, 50, 61), (201, 205, 210)
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if path is None:
-        pytest.skip("no Chromium was found")
-    with playwright.sync_playwright() as run:
-        # Root, as in containers, has no sandbox.
-        arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
-        browser = run.chromium.launch(executable_path=path, args=arguments)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture
@@ -246,11 +227,10 @@ def test_it_fits_a_phone(opened, recording_of):
     assert page.locator(".bar").bounding_box()["height"] < 140
 
 
-def test_axe_finds_nothing(opened, recording_of):
-    axe = pytest.importorskip("axe_playwright_python", reason="axe-core is not installed")
+def test_axe_finds_nothing(opened, recording_of, axe_script):
     page = opened([recording_of("left", steps=2), recording_of("right", steps=2)])
     page.locator("#table summary").click()
-    page.evaluate((Path(axe.__file__).parent / "axe.min.js").read_text("utf-8"))
+    page.evaluate(axe_script)
     light = page.evaluate("axe.run()")
     page.locator("#theme").select_option("dark")
     dark = page.evaluate("axe.run({runOnly: ['color-contrast']})")
