@@ -27,14 +27,11 @@ With noise the same is a sum over joint probabilities q(x, z), which need not be
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from activeloc.agents.maze_greedy import PREFERENCE, TIE
-from activeloc.beliefs.lattice_kernels import FORWARD, LEFT, RIGHT
 from activeloc.envs.maze_episodes import MazeKnowledge
 
 
@@ -405,46 +402,20 @@ def first_actions(values: NDArray[np.float64]) -> NDArray[np.int64]:
     return PREFERENCE[(ordered >= best - TIE).argmax(axis=1)].astype(np.int64)
 
 
-def optimum(
-    successor: NDArray[np.int16],
-    reading: NDArray[np.int8],
-    states: NDArray[np.int16],
-    steps: int,
-) -> float:
-    """Greatest expected return from a set of states, over a whole horizon: exact.
-
-    Dynamic programming over the beliefs that can be reached, each solved once. For small mazes:
-    there are as many beliefs as there are ways of splitting the first reading's states.
+def optimum(knowledge: MazeKnowledge, steps: int) -> NDArray[np.float64]:
+    """Greatest expected return over a whole horizon, for each robot that is asked for: ``(n,)``.
 
     Args:
-        successor: ``(S, 3)``.
-        reading: ``(S,)``.
-        states: ``(n,)`` that agree with the first reading.
-        steps: Horizon.
-
-    Returns:
-        Expected sum of the largest probability after each step.
+        knowledge: Of robots in mazes without noise.
+        steps: Steps left in the episode.
     """
-    after = [tuple(int(t) for t in row) for row in successor]
-    read = [int(z) for z in reading]
-
-    @cache
-    def most(belief: frozenset[int], left: int) -> int:
-        if left == 0:
-            return 0
-        if len(belief) == 1:
-            return left
-        best, bound = 0, len(belief) * left
-        for action in (FORWARD, LEFT, RIGHT):
-            parts: dict[int, set[int]] = {}
-            for s in belief:
-                t = after[s][action]
-                parts.setdefault(read[t], set()).add(t)
-            total = len(parts) + sum(most(frozenset(part), left - 1) for part in parts.values())
-            best = max(best, total)
-            if best == bound:
-                break
-        return best
-
-    first = frozenset(int(s) for s in states)
-    return most(first, steps) / len(first)
+    on, held = knowledge.lattice, knowledge.belief.candidates()
+    n_states = on.depth.shape[1] * 4
+    successor = on.successor.reshape(-1, n_states, 3)
+    reading = (on.depth.reshape(-1, n_states) + 1).astype(np.int8)
+    return np.array(
+        [
+            most(successor[b], reading[b], held.states[b, : held.n[b]], steps) / held.n[b]
+            for b in knowledge.robots
+        ]
+    )

@@ -200,7 +200,13 @@ SETTINGS: dict[str, dict[str, Any]] = {
 }
 
 # In a maze values are means over seven steps or more, and differ by hundredths.
-_MAZE_IMITATION: dict[str, Any] = {"tau": 0.007, "labels": 100_000, "rounds": 3, "epochs": 10}
+_MAZE_IMITATION: dict[str, Any] = {
+    "tau": 0.007,
+    "labels": 100_000,
+    "rounds": 3,
+    "epochs": 10,
+    "values": 30_000,
+}
 
 #: Environment id -> how a planner is imitated there, where not as ImitationConfig says.
 IMITATION: dict[str, dict[str, Any]] = {

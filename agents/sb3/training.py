@@ -35,7 +35,7 @@ from activeloc.agents.sb3.checkpoint import (
 )
 from activeloc.agents.sb3.configuration import HELD_OUT, TRAINING, TrainingConfig
 from activeloc.agents.sb3.hyperparameters import PPO
-from activeloc.agents.sb3.imitation import imitate, labels_of_agent
+from activeloc.agents.sb3.imitation import fit_values, imitate, labels_of_agent
 from activeloc.agents.sb3.resuming import (
     Boundary,
     boundary_of,
@@ -169,7 +169,14 @@ def _imitate(config: TrainingConfig, model: BaseAlgorithm, env: NativeVecEnv, st
     assert isinstance(model.policy, ActorCriticPolicy)
     labeller = labels_of_agent(config.imitate, config.seed, config.env)
     rng = np.random.default_rng([config.seed, 3])
-    imitate(model.policy, env, labeller, config.imitation, rng, lambda: stop.number is None)
+
+    def go_on() -> bool:
+        return stop.number is None
+
+    imitate(model.policy, env, labeller, config.imitation, rng, go_on)
+    if config.imitation.values:
+        gamma = config.hyperparameters.gamma
+        fit_values(model.policy, env, config.imitation.values, gamma, rng, go_on)
 
 
 def _learn(

@@ -17,10 +17,12 @@ from activeloc.agents.sb3.imitation import (
     can_mirror,
     clone,
     cross_entropy,
+    fit_values,
     gather,
     imitate,
     labels_of_agent,
     mirrored,
+    returns_to_go,
     shuffled,
     soft_targets,
 )
@@ -85,6 +87,59 @@ def test_a_planner_is_learnt(pair):
         for b in held_out
     ]
     assert np.mean(right) > 0.85
+
+
+def test_returns_to_go_stop_at_the_ends_of_episodes():
+    rewards = np.array([[1.0, 8.0], [2.0, 1.0], [4.0, 0.0], [7.0, 2.0]])
+    dones = np.array([[False, True], [True, False], [False, False], [False, True]])
+    returns, ended = returns_to_go(rewards, dones, 0.5)
+    np.testing.assert_array_equal(returns, [[2.0, 8.0], [2.0, 1.5], [7.5, 1.0], [7.0, 2.0]])
+    np.testing.assert_array_equal(ended, [[True, True], [True, True], [False, True], [False, True]])
+
+
+def test_the_value_head_foretells_returns_and_nothing_else_changes(pair, monkeypatch):
+    """The reward of a step is linear in the features before it."""
+    policy, env = pair
+    begin, step, last = env.begin, env.step_wait, []
+
+    def noted(observations):
+        tensors, _ = policy.obs_to_tensor(observations)
+        last.append(policy.extract_features(tensors).detach().numpy().sum(axis=1))
+        return observations
+
+    def paid():
+        rewards = 2.0 - 3.0 * last[-1]
+        observations, _, dones, infos = step()
+        return noted(observations), rewards, dones, infos
+
+    monkeypatch.setattr(env, "begin", lambda seeds: noted(begin(seeds)))
+    monkeypatch.setattr(env, "step_wait", paid)
+    before = {name: part.clone() for name, part in policy.state_dict().items()}
+    explained = fit_values(policy, env, 300, 0.0, np.random.default_rng(0))
+    changed = {
+        name for name, part in policy.state_dict().items() if not torch.equal(part, before[name])
+    }
+    assert changed == {"value_net.weight", "value_net.bias"}
+    assert 0.98 < explained <= 1.0
+    seen = env.begin(range(3))
+    value = policy.predict_values(policy.obs_to_tensor(seen)[0]).detach().numpy()[:, 0]
+    np.testing.assert_allclose(
+        value, 2.0 - 3.0 * last[-1], atol=0.3 * np.std(3.0 * np.hstack(last))
+    )
+    assert np.isnan(fit_values(policy, env, 300, 0.0, np.random.default_rng(0), lambda: False))
+
+
+def test_rows_that_the_planner_does_not_mind_are_left_out(pair):
+    _, env = pair
+
+    def undecided(env, observations, starts):
+        values = entropy_rule(env, observations, starts)
+        values[0] = 0.25
+        return values
+
+    config = ImitationConfig(labels=30)
+    batches = [*gather(env, undecided, config, np.random.default_rng(0))]
+    assert [len(batch.values) for batch in batches] == [env.num_envs - 1] * len(batches)
 
 
 def test_in_later_rounds_the_learner_acts(pair):
@@ -185,7 +240,7 @@ def test_the_learning_rate_falls_to_zero(pair):
 
 
 def test_a_run_may_begin_with_imitation(make_config, tmp_path):
-    small = ImitationConfig(labels=12, rounds=1, epochs=1)
+    small = ImitationConfig(labels=12, rounds=1, epochs=1, values=12)
     config = make_config(imitate="spin", total_timesteps=30, imitation=small)
     row = config.hyperparameters
     assert (row.learning_rate, row.ent_coef, row.clip_range) == (3e-4, 1e-3, 0.1)

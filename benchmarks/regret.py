@@ -1,0 +1,90 @@
+"""How far agents in mazes stay behind the best that can be done: exact, over the whole horizon.
+
+Without noise the greatest expected return from a first reading can be computed
+(:func:`activeloc.agents.maze_search.optimum`). An agent that plans to the end of the episode gets
+it; every agent plays the same episodes, and its regret is what that one gets more.
+``python -m benchmarks.regret --env Maze7-v0 --agents lookahead,ppo``.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from activeloc.agents import make_agent
+from activeloc.agents.maze_search import first_actions, optimum, plan_values
+from activeloc.cli.settings import NAMESPACE
+
+RESAMPLES = 4000
+
+
+def play_best(env_id: str, seeds: list[int], steps: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """The greatest expected return of each episode, and the return of the plan that has it."""
+    batch = gym.make_vec(env_id, num_envs=len(seeds), max_episode_steps=steps)
+    batch.reset(seed=seeds)
+    most = optimum(batch.get_wrapper_attr("batch_knowledge"), steps)
+    returns = np.zeros(len(seeds))
+    for left in range(steps, 0, -1):
+        knowledge = batch.get_wrapper_attr("batch_knowledge")
+        returns += batch.step(first_actions(plan_values(knowledge, left)))[1]
+    return most, returns
+
+
+def play(name: str, env_id: str, seeds: list[int], steps: int) -> NDArray[np.float64]:
+    """An agent's return in each episode."""
+    env = gym.make(env_id, max_episode_steps=steps, disable_env_checker=True)
+    agent = make_agent(name, env=env_id)
+    returns = np.zeros(len(seeds))
+    for episode, seed in enumerate(seeds):
+        observation, _ = env.reset(seed=seed)
+        agent.reset(np.random.default_rng(seed))
+        for _ in range(steps):
+            action = agent.act(observation, env.unwrapped.knowledge)  # type: ignore[attr-defined]
+            observation, reward, *_ = env.step(action)
+            returns[episode] += float(reward)
+    return returns
+
+
+def interval(values: NDArray[np.float64]) -> str:
+    """Mean and its 95 % percentile bootstrap interval."""
+    rng = np.random.default_rng(0)
+    drawn = values[rng.integers(len(values), size=(RESAMPLES, len(values)))].mean(axis=1)
+    low, high = np.quantile(drawn, (0.025, 0.975))
+    return f"{values.mean():.3f} [{low:.3f}, {high:.3f}]"
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--env", default="Maze7-v0", help="a maze without noise")
+    parser.add_argument("--agents", default="random,greedy,lookahead,ppo")
+    parser.add_argument("--episodes", type=int, default=1000)
+    parser.add_argument("--steps", type=int, help="T; the environment's if not given")
+    parser.add_argument("--seed", type=int, default=777, help="of the first episode")
+    options = parser.parse_args()
+    env_id = NAMESPACE + options.env.removeprefix(NAMESPACE)
+    steps = options.steps or gym.spec(env_id).max_episode_steps
+    assert steps is not None
+    seeds = [options.seed + episode for episode in range(options.episodes)]
+    most, best = play_best(env_id, seeds, steps)
+    table = Table(title=f"{options.env}, {steps} steps, {len(seeds)} episodes from {seeds[0]}")
+    for column in ("agent", "return", "regret", "episodes without"):
+        table.add_column(column, justify="left" if column == "agent" else "right")
+    table.add_row("optimum, expected", interval(most), "", "")
+    table.add_row("optimum, played", interval(best), "0", "100%")
+    for name in options.agents.split(","):
+        returns = play(name, env_id, seeds, steps)
+        regret = best - returns
+        without = f"{(regret <= 1e-9).mean():.0%}"
+        table.add_row(name, interval(returns), interval(regret), without)
+    Console(width=100).print(table)
+
+
+if __name__ == "__main__":
+    main()
