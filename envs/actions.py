@@ -67,20 +67,12 @@ class Actions:
         return self.commands[int(given)]
 
     def words(self, action: object) -> str:
-        """An action for people to read: ``turn left 30 deg``, ``drive 0.5 m``, both, or ``stay``.
+        """:func:`words_of` the command that an action stands for.
 
         Raises:
             ActionError: If the action is not in the space.
         """
-        turn, drive, _ = (float(value) for value in self.command(action))
-        parts = []
-        if turn != 0.0:
-            parts.append(
-                f"turn {'left' if turn > 0.0 else 'right'} {np.rad2deg(abs(turn)):.3g} deg"
-            )
-        if drive != 0.0:
-            parts.append(f"drive {drive:.3g} m")
-        return ", ".join(parts) or "stay"
+        return words_of(self.command(action))
 
     def _continuous(self, action: object) -> NDArray[np.float64]:
         given = _as_array(action)
@@ -90,6 +82,18 @@ class Actions:
             raise ActionError(f"action must be two numbers in [-1, 1]; got {action!r}")
         turn, drive = np.clip(given.astype(np.float64), -1.0, 1.0)
         return np.array([turn * self.turn, 0.5 * (drive + 1.0) * self.forward, 0.0])
+
+
+def words_of(command: NDArray[np.float64]) -> str:
+    """A command for people to read: ``turn left 30 deg``, ``drive 0.5 m``, both, or ``stay``."""
+    turn, drive, _ = (float(value) for value in command)
+    parts = []
+    if turn != 0.0:
+        side = "left" if turn > 0.0 else "right"
+        parts.append(f"turn {side} {np.rad2deg(abs(turn)):.3g} deg")
+    if drive != 0.0:
+        parts.append(f"drive {drive:.3g} m")
+    return ", ".join(parts) or "stay"
 
 
 def _as_array(action: object) -> NDArray[Any]:

@@ -26,7 +26,7 @@ from typing import NoReturn
 
 import typer
 
-from activeloc.cli import calibrate, envs, evaluate, export, localize, run, watch
+from activeloc.cli import calibrate, envs, evaluate, export, localize, play, run, watch
 from activeloc.cli import map as map_command
 from activeloc.errors import ActiveLocError
 
@@ -43,6 +43,7 @@ app.command("envs", help=envs.HELP)(envs.envs)
 app.command("evaluate", help=evaluate.HELP)(evaluate.evaluate)
 app.command("export", help=export.HELP)(export.export)
 app.command("localize", help=localize.HELP)(localize.localize)
+app.command("play", help=play.HELP)(play.play)
 app.command("run", help=run.HELP)(run.run)
 app.command("watch", help=watch.HELP)(watch.watch)
 app.add_typer(map_command.app, name="map")

@@ -34,6 +34,7 @@ Episode 17 of `activeloc evaluate --map office:0-3 --seed 0`, as it was played t
 """
 
 SUFFIXES = (".gif", ".mp4", ".html")
+FPS = 5.0
 
 
 def watch(
@@ -57,7 +58,7 @@ def watch(
     settings: options.Settings = None,
     fps: Annotated[
         float, typer.Option("--fps", help="Steps a second, of a film.", metavar="N")
-    ] = 5.0,
+    ] = FPS,
     size: Annotated[
         int | None,
         typer.Option(
@@ -70,7 +71,6 @@ def watch(
     """Play an episode with each agent, and write what happened."""
     from activeloc import checks
     from activeloc.agents.evaluation import Player
-    from activeloc.cli.outputs import check_output
     from activeloc.cli.run import result_line
 
     names = _names(agent or [options.default_agents(env).split(",")[-1]])
@@ -78,11 +78,7 @@ def watch(
     checks.integer("episode", episode, 0, 1_000_000)
     checks.number("fps", fps, 0.0, 50.0, above_low=True)
     checks.integer("size", size, 300, 4000)
-    check_output(out, SUFFIXES)
-    if out.suffix.lower() == ".mp4":
-        from activeloc.envs.rendering import demand_encoder
-
-        demand_encoder()
+    check_film(out)
     sweep = options.make_sweep(env, map_spec, belief, names, settings or [], seed, steps)
     played = _play(Player(sweep), names, episode)
     about = f"{sweep.env}, {belief} belief, seed {seed}, episode {episode}"
@@ -90,6 +86,20 @@ def watch(
     for record, _ in played:
         print(result_line(record))
     print(f"{out}: {out.stat().st_size / 1e6:.2f} MB")
+
+
+def check_film(out: Path) -> None:
+    """Refuse a film or page that could not be written.
+
+    Raises:
+        ConfigError: If its place or its suffix will not do, or there is no encoder for it.
+    """
+    from activeloc.cli.outputs import check_output
+    from activeloc.envs.rendering import demand_encoder
+
+    check_output(out, SUFFIXES)
+    if out.suffix.lower() == ".mp4":
+        demand_encoder()
 
 
 def write(recordings: Sequence[Recording], out: Path, fps: float, size: int, about: str) -> None:

@@ -5,9 +5,11 @@ from activeloc.envs.rendering.film import FPS, demand_encoder, frames_of, write_
 from activeloc.envs.rendering.page import page_of, write_page
 from activeloc.envs.rendering.recording import Recording, Tape, outcome_of
 from activeloc.envs.rendering.scene import Layout, Scene, layout
+from activeloc.envs.rendering.sidebar import Block, with_sidebar
 
 __all__ = [
     "FPS",
+    "Block",
     "Layout",
     "Recording",
     "Scene",
@@ -18,6 +20,7 @@ __all__ = [
     "layout",
     "outcome_of",
     "page_of",
+    "with_sidebar",
     "write_gif",
     "write_mp4",
     "write_page",

@@ -106,11 +106,11 @@ def _words(pen: Pen, account: Account, box: Box, text: float) -> None:
     pen.text((left, top), f"step {account.step}", 1.35 * text)
     top += 1.75 * LINE * text
     room = int((bottom - top) / (LINE * text) + 0.3)
-    for i, line in enumerate(_wrap(pen, account.caption, right - left, text, room)):
+    for i, line in enumerate(wrap(pen, account.caption, right - left, text, room)):
         pen.text((left, top + i * LINE * text), line, text, QUIET)
 
 
-def _wrap(pen: Pen, words: str, width: float, text: float, room: int) -> list[str]:
+def wrap(pen: Pen, words: str, width: float, text: float, room: int) -> list[str]:
     """Break words into at most ``room`` lines; cut what is too long and say so by an ellipsis."""
     lines: list[str] = []
     for word in words.split():
