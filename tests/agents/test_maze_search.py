@@ -264,6 +264,20 @@ def test_of_equal_values_forward_is_taken_then_left():
     np.testing.assert_array_equal(first_actions(np.array(values)), [2, 0, 2, 1])
 
 
+@pytest.mark.parametrize(("id", "usual"), [("Maze15-v0", 7), ("NoisyMaze9-v0", 3)])
+def test_lookahead_plans_as_many_steps_as_said(id, usual):
+    batch = gym.make_vec(f"activeloc/{id}", num_envs=4)
+    batch.reset(seed=1)
+    knowledge = batch.batch_knowledge
+    worths = {steps: plan_values(knowledge, steps) for steps in (2, usual)}
+    assert (worths[2] != worths[usual]).any()
+    for agent, steps in ((LookaheadAgent(), usual), (LookaheadAgent(steps=2), 2)):
+        np.testing.assert_array_equal(agent.action_values_all(knowledge), worths[steps])
+        chosen = agent.act_all(knowledge)
+        np.testing.assert_array_equal(chosen, first_actions(worths[steps]))
+        assert [agent.act({}, batch.knowledge(robot)) for robot in range(4)] == chosen.tolist()
+
+
 def test_a_known_state_is_worth_a_step_each():
     successor, reading = maze(2)
     np.testing.assert_array_equal(values_of(successor, reading, [5], 4), 4.0)
