@@ -23,7 +23,7 @@ from activeloc.beliefs.histogram import HistogramBelief
 from activeloc.beliefs.particles import ParticleBelief
 from activeloc.beliefs.place import PlaceMemory
 from activeloc.envs.episodes import Knowledge
-from activeloc.motion import move
+from activeloc.motion import move, wrap
 
 EXACT_UP_TO = 64  # Joint readings that are summed over one by one; more are drawn.
 
@@ -93,11 +93,19 @@ class Imagined:
         command: NDArray[np.float64],
         rng: np.random.Generator,
         times: int = 1,
+        given_up: bool = False,
     ) -> Imagined:
         """The hypotheses after a command given ``times`` times over.
 
         A hypothesis that meets an obstacle stays there. A drive that the place has refused before
         is refused again: it moves nothing and is no news.
+
+        Args:
+            knowledge: What the robot knows.
+            command: ``(3,)``.
+            rng: Source of the motion's noise.
+            times: How often.
+            given_up: Whether an obstacle ends the walk: what it has stopped does not turn either.
         """
         command = np.asarray(command, dtype=np.float64)
         drives = bool(command[1] != 0.0)
@@ -106,17 +114,23 @@ class Imagined:
         total = command * times
         spread = knowledge.motion.odometry.sigma(command) * np.sqrt(times)
         wanted = total + rng.standard_normal(self.poses.shape) * spread
-        if drives:
+        if drives or given_up:
             wanted[self.stopped] = 0.0
-        terrain = knowledge.belief.terrain(knowledge.robot)
-        poses, carried_out = move(terrain, self.poses, wanted)
         stopped = self.stopped
-        if drives:
+        if wanted[:, 1].any():
+            terrain = knowledge.belief.terrain(knowledge.robot)
+            poses, carried_out = move(terrain, self.poses, wanted)
             missing = np.abs(total[1]) - np.abs(carried_out[:, 1])
-            stopped = stopped | (missing > (1.0 - knowledge.motion.contact_ratio) * abs(command[1]))
+            if drives:
+                least = (1.0 - knowledge.motion.contact_ratio) * abs(command[1])
+                stopped = stopped | (missing > least)
+        else:
+            theta = wrap(self.poses[:, 2] + wanted[:, 0] + wanted[:, 2])
+            poses = np.column_stack([self.poses[:, :2], theta])
         free, held = self.place_if_free.copy(), self.place_if_stopped.copy()
         free.move(total)
-        held.move(np.array([total[0], 0.0, total[2]]))
+        if not (given_up and self.news):
+            held.move(np.array([total[0], 0.0, total[2]]))
         return Imagined(poses, stopped, free, held, self.news or drives)
 
 

@@ -125,16 +125,18 @@ def test_greedy_says_the_gain_it_chose_by():
 
 
 def test_active_says_its_walk_once():
+    """As long as every command is carried out, and nothing in the way is seen."""
     env, agent = env_of(), make_agent("active", {"samples": 50, "readings": 4})
     agent.reset(np.random.default_rng(0))
-    first = agent.act({}, env.knowledge)
-    plan = agent.plan
-    actions = [0 if c[0] > 0 else 1 if c[0] < 0 else 2 for c, n in plan.walk for _ in range(n)]
+    clear = replace(env.knowledge, scan=np.full_like(env.knowledge.scan, np.inf))
+    first = agent.act({}, clear)
+    commands = [command for command, times in agent.plan.walk for _ in range(times)]
+    actions = [0 if c[0] > 0 else 1 if c[0] < 0 else 2 for c in commands]
     assert actions[0] == first
-    for action in actions[1:]:
-        assert agent.act({}, env.knowledge) == action
+    for action, done in zip(actions[1:], commands, strict=False):
+        assert agent.act({}, replace(clear, u=done)) == action
         assert agent.plan is None
-    agent.act({}, env.knowledge)
+    agent.act({}, replace(clear, u=commands[-1]))
     assert agent.plan is not None
 
 
