@@ -14,7 +14,7 @@ DASHES = ("", "7 4", "2 3", "9 3 2 3", "4 2")
 """Strokes of the series; with five colours, they tell twenty-five apart with these."""
 
 _WIDTH, _HEIGHT = 480, 290
-_LEFT, _RIGHT, _TOP, _FOOT = 56, 470, 10, 246
+_LEFT, _RIGHT, _TOP, _FOOT = 56, 462, 10, 246
 
 
 def chart(curves: Mapping[str, NDArray[np.float64]], y_name: str) -> str:

@@ -86,7 +86,7 @@ def test_the_curves_are_those_of_the_table(results, page):
         points = np.array([point.split(",") for point in line.split()], float)
         means = [float(row[2]) for row in rows if row[0] == agent]
         np.testing.assert_allclose((246 - points[:, 1]) / 236, means, atol=1e-3)
-        np.testing.assert_allclose(points[:, 0], np.linspace(56, 470, 13), atol=0.06)
+        np.testing.assert_allclose(points[:, 0], np.linspace(56, 462, 13), atol=0.06)
 
 
 def test_a_band_goes_there_and_back():

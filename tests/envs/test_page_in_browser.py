@@ -110,6 +110,15 @@ def test_the_belief_lies_where_it_is(opened, recording_of):
     assert colour(page, x, y) == FLOOR
 
 
+def test_walls_of_large_cells_have_sharp_edges(opened, recording_of):
+    page = opened([recording_of(steps=1)])
+    only(page)
+    # A wall of cells of 0.5 m ends at x = 1.5 m and y = 13 m.
+    inside, outside = [(1.45, 12.5), (0.5, 12.95)], [(1.55, 12.5), (0.5, 13.05)]
+    assert set(colours(page, inside)) == {WALL}
+    assert set(colours(page, outside)) == {FLOOR}
+
+
 def test_a_slice_shows_the_belief_of_its_heading(opened, recording_of):
     page = opened([recording_of(steps=5)])
     only(page, "belief")
@@ -203,6 +212,7 @@ def test_the_table_has_every_step(opened, recording_of):
     page = opened(recordings)
     page.locator("#table summary").click()
     rows = page.locator("#table tbody tr")
+    rows.first.wait_for()
     assert rows.count() == 7 + 4
     assert rows.nth(3).text_content() == "1right4.63 nat (80 %)10 %11.25 m, 6\u00b0drive 1"
 
@@ -230,6 +240,7 @@ def test_it_fits_a_phone(opened, recording_of):
 def test_axe_finds_nothing(opened, recording_of, axe_script):
     page = opened([recording_of("left", steps=2), recording_of("right", steps=2)])
     page.locator("#table summary").click()
+    page.locator("#table tbody tr").first.wait_for()
     page.evaluate(axe_script)
     light = page.evaluate("axe.run()")
     page.locator("#theme").select_option("dark")

@@ -34,7 +34,7 @@ class Pane {
       "aria-label": `Map of ${map.name}: belief, scan, true pose and estimate of ${track.agent}`,
     });
     this.stage = new Stage(this.canvas, map, track);
-    const names = ["Entropy", "Near the estimate", "Error", "Action"];
+    const names = ["Entropy", "Near estimate", "Error", "Action"];
     this.fields = names.map(() => make("dd"));
     const list = make("dl", { id });
     names.forEach((name, i) => list.append(make("div", {}, make("dt", {}, name), this.fields[i])));
@@ -59,7 +59,8 @@ class Pane {
       `${track.entropy[s].toFixed(2)} nat (${Math.round(100 * track.fraction[s])} %)`,
       `${Math.round(100 * track.mass[s])} %`,
       `${track.error_m[s].toFixed(2)} m, ${degrees}\u00b0`,
-      step >= track.entropy.length ? "ended" : s === 0 ? "start" : track.commands[s - 1],
+      step >= track.entropy.length ? "ended"
+        : s === 0 ? "start" : track.commands[s - 1].replaceAll(" deg", "\u00b0"),
     ];
   }
 

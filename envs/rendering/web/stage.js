@@ -51,7 +51,8 @@ class Stage {
     ink.fillStyle = `rgb(${r}, ${g}, ${b})`;
     ink.fillRect(0, 0, this.width, this.height);
     if (view.layers.belief) this.drawBelief(s, view);
-    ink.imageSmoothingEnabled = true;
+    // Cells that are large are squares; small ones are blended, so that thin walls stay.
+    ink.imageSmoothingEnabled = this.width / this.map.shape[1] < 2;
     ink.drawImage(this.map.sheets[view.scheme], 0, 0, this.width, this.height);
     if (view.layers.particles && track.particles) this.drawParticles(s, scheme);
     if (view.layers.path) this.drawPath(s, scheme);
@@ -212,19 +213,14 @@ class Stage {
     const { ink } = this;
     const metres = [50, 20, 10, 5, 2, 1, 0.5].find((m) => m * this.scale < this.width / 4) || 0.2;
     const [left, foot] = [10, this.height - 10];
-    for (const [colour, width] of [[scheme.halo, 5], [scheme.text, 2]]) {
-      ink.strokeStyle = colour;
-      ink.lineWidth = width;
-      ink.beginPath();
-      ink.moveTo(left, foot);
-      ink.lineTo(left + metres * this.scale, foot);
-      ink.stroke();
-    }
     ink.font = "600 13px system-ui, sans-serif";
-    ink.lineWidth = 4;
-    ink.strokeStyle = scheme.halo;
-    ink.strokeText(`${metres} m`, left, foot - 6);
+    const width = Math.max(metres * this.scale, ink.measureText(`${metres} m`).width);
+    ink.globalAlpha = 0.85;
+    ink.fillStyle = scheme.halo;
+    ink.fillRect(left - 5, foot - 20, width + 10, 25);
+    ink.globalAlpha = 1;
     ink.fillStyle = scheme.text;
+    ink.fillRect(left, foot - 1, metres * this.scale, 2);
     ink.fillText(`${metres} m`, left, foot - 6);
   }
 }
