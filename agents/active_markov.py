@@ -128,6 +128,23 @@ class ActiveMarkovAgent:
         self._told = command_of(knowledge.actions, move)
         return action_for(knowledge.actions, move)
 
+    def action_values(
+        self, observation: Mapping[str, Any], knowledge: Knowledge
+    ) -> NDArray[np.float64]:
+        """Of each action the worth of the best walk that begins with it: ``(A,)``.
+
+        The walk under way counts for nothing. -inf for an action that begins none; utilities [nat],
+        or on patrol novelties [m].
+        """
+        self._memory.follow(knowledge)
+        values = np.full(len(knowledge.actions.commands), -np.inf)
+        options = self._options(knowledge)
+        for option, worth in zip(options, self._worths(options), strict=True):
+            values[option.walk[0]] = max(values[option.walk[0]], worth)
+        if not options:
+            values[self._way_out(knowledge)] = 0.0
+        return values
+
     def _is_given_up(self, knowledge: Knowledge) -> bool:
         """Whether the robot was stopped, is somewhere else, or is about to be stopped."""
         if knowledge.touched:
@@ -139,17 +156,18 @@ class ActiveMarkovAgent:
         return self._walk[0] == FORWARD and is_blocked_ahead(knowledge)
 
     def _choose(self, knowledge: Knowledge) -> list[int]:
-        """The walk of the greatest utility; the first of equals. On patrol where none pays."""
+        """The best walk; the first of equals."""
         options = self._options(knowledge)
         if not options:
-            stays = knowledge.belief.place(knowledge.robot).is_refused
-            return [LEFT if stays or is_blocked_ahead(knowledge) else FORWARD]
-        utilities = [self._utility(option) for option in options]
-        if max(utilities) <= 0.0:
-            utilities = self._novelties(options)
-        chosen = options[int(np.argmax(utilities))]
+            return [self._way_out(knowledge)]
+        chosen = options[int(np.argmax(self._worths(options)))]
         self.plan = chosen.plan
         return chosen.walk
+
+    def _way_out(self, knowledge: Knowledge) -> int:
+        """The move where no walk leads anywhere: ahead if nothing is known to be in the way."""
+        stays = knowledge.belief.place(knowledge.robot).is_refused
+        return LEFT if stays or is_blocked_ahead(knowledge) else FORWARD
 
     def _options(self, knowledge: Knowledge) -> list[Option]:
         """The cheapest walk to each target that can be reached."""
@@ -183,6 +201,11 @@ class ActiveMarkovAgent:
         moves = Moves.of(knowledge.actions, TURN, DRIVE)
         refused = place.refused[place.sector(moves.headings)]
         return Walks.search(around, moves, refused, self.penalty, CLOSED, LONGEST)
+
+    def _worths(self, options: list[Option]) -> list[float]:
+        """What each walk is worth: its utility, or its novelty where no utility is positive."""
+        utilities = [self._utility(option) for option in options]
+        return utilities if max(utilities, default=0.0) > 0.0 else self._novelties(options)
 
     def _utility(self, option: Option) -> float:
         """Expected gain [nat] of a walk and a scan there, less the walk's cost."""

@@ -26,12 +26,16 @@ class DeadReckoning:
     """
 
     def __init__(self, track_steps: int, obstacle_steps: int) -> None:
+        self._step = -1
         self._pose = np.zeros(3)
         self._track: deque[NDArray[np.float64]] = deque(maxlen=track_steps)
         self._obstacles: deque[NDArray[np.float64]] = deque(maxlen=obstacle_steps)
 
     def follow(self, knowledge: Knowledge) -> None:
-        """Take note of the last step: where it led, and what was read and touched there."""
+        """Take note of the last step, once: where it led, what was read and touched there."""
+        if knowledge.step == self._step:
+            return
+        self._step = knowledge.step
         rot1, trans, rot2 = knowledge.u
         x, y, theta = self._pose
         x += trans * np.cos(theta + rot1)

@@ -190,7 +190,7 @@ def test_it_remembers_what_stopped_it():
     """After a turn away from an obstacle that is on no map, it does not turn back into it."""
     knowledge, agent = lost_in(corridor(8.0)), agent_of(distances=(2.0,), bearings=2)
     assert agent.act({}, knowledge) == FORWARD
-    agent.act({}, replace(knowledge, touched=True))
+    agent.act({}, replace(knowledge, touched=True, step=1))
     agent._walk.clear()
     walk = chosen(agent, knowledge)
     places, _ = walked(corridor(8.0), (6.25, 1.25, 0.0), walk)
@@ -198,6 +198,25 @@ def test_it_remembers_what_stopped_it():
     agent._memory = type(agent._memory)(1, 1)
     agent._walk.clear()
     assert agent.act({}, knowledge) == FORWARD
+
+
+@pytest.mark.parametrize("step_cost", [0.01, 1.0])
+def test_an_action_is_worth_the_best_walk_that_begins_with_it(step_cost):
+    """On patrol too: at 1 nat a step nothing pays."""
+    knowledge, settings = lost_in(corridor(8.0)), {"bearings": 6, "step_cost": step_cost}
+    values = agent_of(**settings).action_values({}, knowledge)
+    agent = agent_of(**settings)
+    agent._memory.follow(knowledge)
+    options = agent._options(knowledge)
+    pays = max(agent._utility(option) for option in options) > 0.0
+    assert pays == (step_cost < 1.0)
+    worths = [agent._utility(o) for o in options] if pays else agent._novelties(options)
+    for action in (LEFT, RIGHT, FORWARD):
+        begun = [w for w, o in zip(worths, options, strict=True) if o.walk[0] == action]
+        assert values[action] == max(begun, default=-np.inf)
+    assert agent_of(**settings).act({}, knowledge) == values.argmax()
+    knowledge.belief.place(0).refused[:] = True
+    np.testing.assert_array_equal(agent_of().action_values({}, knowledge), [0, -np.inf, -np.inf])
 
 
 HALL = from_text("########\n#......#\n#......#\n#...##.#\n########", resolution=0.5, name="hall")
@@ -256,7 +275,7 @@ def test_it_never_chooses_an_empty_walk(distances, actions):
 def test_where_nothing_pays_it_goes_where_it_has_not_been():
     agent = agent_of(patrol_cost=0.1)
     agent._memory.follow(lost_in(corridor()))
-    agent._memory.follow(replace(lost_in(corridor()), u=np.array([0.0, 2.0, 0.0])))
+    agent._memory.follow(replace(lost_in(corridor()), u=np.array([0.0, 2.0, 0.0]), step=1))
 
     def option(x, y, steps, p_open=1.0):
         return Option([FORWARD] * steps, np.array([x, y]), Plan((), 0.0), 0.0, p_open)

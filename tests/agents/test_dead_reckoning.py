@@ -16,6 +16,7 @@ SENSOR = BeamModel(beams=3, field_of_view=np.pi, z_max=2.0)
 class Told:
     """As much of what a robot knows as dead reckoning asks for."""
 
+    step: int
     u: tuple
     scan: tuple = (np.inf, np.nan, 2.0)
     touched: bool = False
@@ -36,8 +37,8 @@ def moved(x, y, theta, u):
 def test_it_knows_where_it_was_and_what_it_read_there():
     rng, memory = np.random.default_rng(0), DeadReckoning(100, 100)
     pose, places, obstacles = (0.0, 0.0, 0.0), [], []
-    for _ in range(30):
-        step = Told(rng.normal(0.0, 0.5, 3), rng.uniform(0.1, 1.9, 3), bool(rng.random() < 0.3))
+    for n in range(30):
+        step = Told(n, rng.normal(0.0, 0.5, 3), rng.uniform(0.1, 1.9, 3), bool(rng.random() < 0.3))
         memory.follow(step)
         pose = moved(*pose, step.u)
         places.append(pose[:2])
@@ -52,13 +53,21 @@ def test_it_knows_where_it_was_and_what_it_read_there():
 @pytest.mark.parametrize("scan", [(np.inf, np.nan, 2.0), (1.99, 2.0, np.inf)])
 def test_a_beam_that_met_nothing_is_no_obstacle(scan):
     memory = DeadReckoning(10, 10)
-    memory.follow(Told((0.0, 0.0, 0.0), scan))
+    memory.follow(Told(0, (0.0, 0.0, 0.0), scan))
     assert memory.obstacles().shape == (0, 2)
 
 
 def test_it_forgets():
     memory = DeadReckoning(5, 2)
-    for _ in range(9):
-        memory.follow(Told((0.0, 1.0, 0.0), (1.0, 1.0, 1.0)))
+    for n in range(9):
+        memory.follow(Told(n, (0.0, 1.0, 0.0), (1.0, 1.0, 1.0)))
     np.testing.assert_allclose(memory.track(), [[x, 0.0] for x in (-4, -3, -2, -1, 0)])
     assert len(memory.obstacles()) == 6
+
+
+def test_a_step_counts_once():
+    memory = DeadReckoning(10, 10)
+    for n in (0, 1, 1, 2, 2, 2):
+        memory.follow(Told(n, (0.0, 1.0, 0.0), (1.0, 1.0, 1.0)))
+    np.testing.assert_allclose(memory.track(), [[-2.0, 0.0], [-1.0, 0.0], [0.0, 0.0]])
+    assert len(memory.obstacles()) == 9
