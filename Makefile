@@ -18,11 +18,11 @@ $(STAMP)-dev: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(PIP) -e ".[dev]"
 	touch $@ $(STAMP)-demo
 
-demo: $(STAMP)-demo  ## a table of agents, curves and a film, in demo/
+demo: $(STAMP)-demo  ## a table of agents, curves, replays and a film, in demo/
 	$(BIN)/activeloc evaluate --map office:0-3 --agents random,spin,greedy,active \
-	    --episodes 8 --steps 100 --seed 1 --jobs 2 --out demo --overwrite
+	    --episodes 8 --steps 100 --seed 1 --jobs 2 --out demo --overwrite --report
 	$(BIN)/activeloc run --map office:0 --agent active --seed 4 --out demo/active.gif
-	@echo "demo/ holds entropy.png, episodes.csv, curves.csv, summary.json and active.gif"
+	@echo "open demo/report.html: tables, curves and replays; demo/active.gif is a film"
 
 test: $(STAMP)-dev lint  ## every quick check
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile

@@ -132,9 +132,11 @@ def test_map_make_writes_what_it_reads(capsys, place):
     assert load_map(place / "home.yaml").digest == MapSource.parse("rooms:4").number(0).digest
 
 
-@pytest.mark.parametrize("command", ["", "envs", "evaluate", "run", "map", "map info", "map make"])
+@pytest.mark.parametrize(
+    "command", ["", "envs", "evaluate", "play", "run", "watch", "map", "map info", "map make"]
+)
 def test_help_for_all(capsys, command):
     out = said(capsys, f"{command} --help")
     assert "Usage: activeloc" in out
-    if command in ("evaluate", "run"):
+    if command in ("evaluate", "play", "run", "watch"):
         assert f"  activeloc {command} --" in out

@@ -1,3 +1,6 @@
+import re
+from pathlib import Path
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -115,6 +118,14 @@ def test_foreign_environments_and_empty_tapes_are_refused():
         make().recording("mine")
     with pytest.raises(ConfigError, match="nothing has been recorded"):
         Tape().recording("mine")
+
+
+def test_the_documented_lines_run(tmp_path, monkeypatch):
+    text = (Path(__file__).parents[2] / "docs" / "seeing.md").read_text("utf-8")
+    (lines,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    exec(lines.replace("max_episode_steps=20", "max_episode_steps=3"), {})
+    assert {path.name for path in tmp_path.iterdir()} == {"mine.html", "mine.gif"}
 
 
 # --- shades and slices
