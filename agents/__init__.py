@@ -8,6 +8,7 @@ spin        Turns once around, then wanders: what a lost robot does today.
 greedy      Least expected entropy after one action.
 lookahead   Least expected entropy summed over the steps of a plan.
 active      Least expected entropy at the end of a walk, less what the walk costs.
+glance      The straight way that the egocentric view promises most of; quick.
 onnx:FILE   The trained policy in a file (:mod:`activeloc.agents.onnx_policy`).
 ppo         The trained policy that comes with the package for the environment, if one does.
 ==========  ========================================================================================
@@ -25,6 +26,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from activeloc.agents.active_markov import ActiveMarkovAgent
+from activeloc.agents.glance import GlanceAgent
 from activeloc.agents.greedy import GreedyAgent
 from activeloc.agents.lookahead import LookaheadAgent
 from activeloc.agents.onnx_policy import PACKAGED, PREFIX, OnnxAgent, packaged_policy
@@ -52,6 +54,7 @@ AGENTS: dict[str, type[Any]] = {
     "greedy": GreedyAgent,
     "lookahead": LookaheadAgent,
     "active": ActiveMarkovAgent,
+    "glance": GlanceAgent,
 }
 
 
@@ -98,6 +101,7 @@ __all__ = [
     "AGENTS",
     "ActiveMarkovAgent",
     "Agent",
+    "GlanceAgent",
     "GreedyAgent",
     "LookaheadAgent",
     "OnnxAgent",

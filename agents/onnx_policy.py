@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeloc.beliefs.egocentric import EgocentricView
+from activeloc.beliefs.metric_view import MetricView
 from activeloc.envs.maze_episodes import MazeKnowledge
 from activeloc.envs.worlds import AnyKnowledge
 from activeloc.errors import CheckpointError, ConfigError
@@ -103,6 +104,7 @@ class OnnxAgent:
     sha256: str = ""
     _network: Network = field(init=False, repr=False)
     _view: EgocentricView | None = field(default=None, init=False, repr=False)
+    _metric_view: MetricView | None = field(default=None, init=False, repr=False)
     _memory: dict[str, NDArray[np.float32]] = field(default_factory=dict, init=False, repr=False)
     _taken: dict[bytes, set[int]] = field(default_factory=dict, init=False, repr=False)
 
@@ -117,7 +119,7 @@ class OnnxAgent:
     def reset(self, rng: np.random.Generator) -> None:
         """See :class:`Agent`; nothing here is left to chance."""
         self._memory = self._network.memory()
-        self._view = None
+        self._view, self._metric_view = None, None
         self._taken = {}
 
     def act(self, observation: Mapping[str, Any], knowledge: AnyKnowledge) -> Any:
@@ -151,11 +153,15 @@ class OnnxAgent:
     def _drawn(self, observation: Mapping[str, Any], knowledge: AnyKnowledge) -> Mapping[str, Any]:
         """The observation, with the egocentric view that was left out of it for its cost."""
         shape = self._network.inputs.get("view")
-        if shape is None or "view" in observation or not isinstance(knowledge, MazeKnowledge):
+        if shape is None or "view" in observation:
             return observation
+        radius = ((shape[-1] or 1) - 1) // 2
+        if not isinstance(knowledge, MazeKnowledge):
+            if self._metric_view is None:
+                self._metric_view = MetricView(knowledge.belief, knowledge.sensor, radius)
+            return {**observation, **self._metric_view.draw(knowledge.robot)}
         if self._view is None:
-            side = shape[-1] or 1
-            self._view = EgocentricView(knowledge.belief, (side - 1) // 2)
+            self._view = EgocentricView(knowledge.belief, radius)
             self._view.place(np.arange(knowledge.lattice.n_robots))
         return {**observation, "view": self._view.draw()[int(knowledge.robots[0])]}
 

@@ -13,8 +13,9 @@ Beside it stand the ``ways``: what lies straight ahead after a turn by each of t
 every 0.5 m up to 4 m.
 
 - plane 0: probability that the way there is open;
-- plane 1: how much a scan at its end would tell: the entropy of what up to three of the beams are
-  expected to read, and of whether an obstacle stopped the robot before, over ``log(128)``.
+- plane 1: how much a scan at its end would tell: the information that what up to three of the beams
+  are expected to read, and whether an obstacle stopped the robot before, hold about the pose it
+  started from (on the common bins), over ``log(128)``.
 
 The ``place`` is what the robot remembers of where it stands (:mod:`activeloc.beliefs.place`) in the
 same bearings: how often each has been read, 1 for twice or more, and whether it refused a motion.
@@ -116,7 +117,10 @@ class MetricView:
         view = np.empty((PLANES, side, side), dtype=np.float32)
         ways = np.empty(WAYS, dtype=np.float32)
         draw_window(poses, counts, table.frame, table.area, table.seen, view)
-        draw_ways(poses, counts, table.frame, table.area, table.seen, self._beams, ways)
+        bins = self.belief.bins(robot).index(poses)
+        order = np.argsort(bins, kind="stable")
+        poses, counts, bins = poses[order], counts[order], bins[order]
+        draw_ways(poses, counts, bins, table.frame, table.area, table.seen, self._beams, ways)
         memory = self.belief.place(robot)
         sector = memory.sector(2.0 * np.pi * np.arange(BEARINGS) / BEARINGS)
         place = np.concatenate(
@@ -221,6 +225,7 @@ def draw_window(
 def draw_ways(
     poses: NDArray[np.float64],
     counts: NDArray[np.int64],
+    bins: NDArray[np.int64],
     frame: NDArray[np.float64],
     area: NDArray[np.uint8],
     seen: NDArray[np.uint8],
@@ -232,6 +237,7 @@ def draw_ways(
     Args:
         poses: ``(M, 3)``.
         counts: ``(M,)``.
+        bins: ``(M,)``, ascending; of the poses.
         frame: See :class:`Lookup`.
         area: ``(rows, cols)``.
         seen: ``(D, rows, cols)``.
@@ -269,10 +275,32 @@ def draw_ways(
             for i in range(m):
                 held[codes[k, i]] += counts[i]
             ways[0, b, k] = 1.0 - held[stopped] / total
-            spread = 0.0
-            for i in range(m):
-                n = held[codes[k, i]]
-                held[codes[k, i]] = 0
-                if n > 0:
-                    spread -= n * logs[n]
-            ways[1, b, k] = min(max(0.0, logs[total] + spread / total) / most, 1.0)
+            told = logs[total] * total - _take(codes[k], held, logs, 0, m)
+            # Less what poses of one bin differ by among themselves.
+            first = 0
+            while first < m:
+                end, n = first, 0
+                while end < m and bins[end] == bins[first]:
+                    held[codes[k, end]] += counts[end]
+                    n += counts[end]
+                    end += 1
+                told -= n * logs[n] - _take(codes[k], held, logs, first, end)
+                first = end
+            ways[1, b, k] = min(max(0.0, told) / total / most, 1.0)
+
+
+@njit(cache=True, nogil=True)
+def _take(
+    codes: NDArray[np.int64],
+    held: NDArray[np.int64],
+    logs: NDArray[np.float64],
+    first: int,
+    end: int,
+) -> float:
+    """Sum of n log n over what is held for ``codes[first:end]``, which is set to zero."""
+    total = 0.0
+    for i in range(first, end):
+        n = held[codes[i]]
+        held[codes[i]] = 0
+        total += n * logs[n]
+    return total

@@ -31,7 +31,7 @@ from activeloc.grid import OccupancyGrid
 from activeloc.maps import MapSource
 
 MAX_SEED = 2**63 - 1
-METRIC_ONLY = ("spin", "active")
+METRIC_ONLY = ("spin", "active", "glance")
 """Agents that play no mazes."""
 MAX_EPISODES = 1_000_000
 MAX_STEPS = 1_000_000

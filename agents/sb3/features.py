@@ -20,6 +20,8 @@ from activeloc.errors import ConfigError
 
 EGOCENTRIC = "view"
 """The key whose presence says that there is an egocentric view."""
+SEEN_FROM_THE_ROBOT = (EGOCENTRIC, "ways")
+"""Keys of all that is turned with the robot, and more than a vector."""
 
 READERS = ("auto", "egocentric", "world")
 
@@ -39,10 +41,12 @@ def keys_for(space: gym.spaces.Dict, reader: str = "auto") -> list[str]:
     if reader == "auto":
         reader = "egocentric" if EGOCENTRIC in space.spaces else "world"
     if reader == "world":
-        return [key for key in space.spaces if key != EGOCENTRIC]
+        return [key for key in space.spaces if key not in SEEN_FROM_THE_ROBOT]
     if EGOCENTRIC not in space.spaces:
         raise ConfigError(f"there is no key {EGOCENTRIC!r} to read (only {', '.join(space)})")
-    return [key for key, part in space.items() if key == EGOCENTRIC or _rank(key, part) <= 1]
+    return [
+        key for key, part in space.items() if key in SEEN_FROM_THE_ROBOT or _rank(key, part) <= 1
+    ]
 
 
 def extractor_for(space: gym.spaces.Dict) -> type[EgocentricFeatures | WorldFeatures]:
@@ -51,10 +55,10 @@ def extractor_for(space: gym.spaces.Dict) -> type[EgocentricFeatures | WorldFeat
 
 
 class EgocentricFeatures(BaseFeaturesExtractor):
-    """A multi-layer perceptron on the flattened ``view`` and the vectors.
+    """A multi-layer perceptron on the flattened ``view``, the ``ways`` if any, and the vectors.
 
     Args:
-        observation_space: ``view`` ``(C, h, w)`` and any vectors.
+        observation_space: ``view`` ``(C, h, w)``, ``ways`` ``(C, bearings, distances)``, vectors.
         hidden: Widths of the layers; the last is the number of features.
 
     Raises:

@@ -160,7 +160,7 @@ class DQN(Network):
 ALGORITHMS: dict[str, type[PPO | DQN]] = {"ppo": PPO, "recurrent_ppo": RecurrentPPO, "dqn": DQN}
 
 _METRIC: dict[str, PPO | DQN] = {
-    "ppo": PPO(n_envs=32, n_steps=64, batch_size=512, hidden=(128, 128)),
+    "ppo": PPO(n_envs=16, n_steps=128, batch_size=512, hidden=(192, 128)),
     "recurrent_ppo": RecurrentPPO(n_envs=32, n_steps=64, batch_size=512, hidden=(128, 128)),
     "dqn": DQN(buffer_size=10_000, hidden=(128, 128)),
 }
@@ -191,8 +191,18 @@ _MAZE_SETTINGS: dict[str, Any] = {
     "task": {"kind": "maze", "reward": "doubt"},
 }
 
+# A histogram filter's tables take seconds a building, so that training shares twelve buildings; its
+# cells are coarse, for speed. What the policy sees is of one kind whatever the filter.
+_BUILDINGS: dict[str, Any] = {
+    "map": "office:100-111",
+    "belief": {"kind": "histogram", "cell_size": 0.3, "headings": 36},
+    "observation": {"view": True, "headings": 1, "rows": 1, "cols": 1},
+    "reward": {"step": -0.01},
+}
+
 #: Environment id -> settings that training changes, laid over the id's own.
 SETTINGS: dict[str, dict[str, Any]] = {
+    "activeloc/GlobalLocalization-v0": _BUILDINGS,
     "activeloc/Maze7-v0": _MAZE_SETTINGS,
     "activeloc/Maze15-v0": _MAZE_SETTINGS,
     "activeloc/Maze21-v0": _MAZE_SETTINGS,
@@ -208,8 +218,12 @@ _MAZE_IMITATION: dict[str, Any] = {
     "values": 30_000,
 }
 
+#: Environment id -> maps of the evaluation while training, if training is on those above.
+HELD_OUT: dict[str, str] = {"activeloc/GlobalLocalization-v0": "office:200-203"}
+
 #: Environment id -> how a planner is imitated there, where not as ImitationConfig says.
 IMITATION: dict[str, dict[str, Any]] = {
+    "activeloc/GlobalLocalization-v0": {"tau": 0.1, "epochs": 8, "rounds": 3},
     "activeloc/Maze7-v0": _MAZE_IMITATION,
     "activeloc/Maze15-v0": _MAZE_IMITATION,
     "activeloc/Maze21-v0": _MAZE_IMITATION,

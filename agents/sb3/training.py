@@ -34,7 +34,8 @@ from activeloc.agents.sb3.checkpoint import (
     write_checkpoint,
 )
 from activeloc.agents.sb3.configuration import HELD_OUT, TRAINING, TrainingConfig
-from activeloc.agents.sb3.hyperparameters import PPO
+from activeloc.agents.sb3.hyperparameters import HELD_OUT as HELD_OUT_MAPS
+from activeloc.agents.sb3.hyperparameters import PPO, SETTINGS
 from activeloc.agents.sb3.imitation import fit_values, imitate, labels_of_agent
 from activeloc.agents.sb3.resuming import (
     Boundary,
@@ -357,8 +358,11 @@ class _Best(BaseCallback):
 
 
 def held_out_evaluation(config: TrainingConfig, keeper: Keeper) -> HeldOut:
-    """The evaluation of a run."""
+    """The evaluation of a run, on maps of its own if it trains on those that the table names."""
     n_envs = min(config.n_eval_episodes, config.hyperparameters.n_envs)
+    spec = HELD_OUT_MAPS.get(config.env)
+    if spec is not None and config.settings.get("map") == SETTINGS[config.env]["map"]:
+        config = replace(config, settings={**config.settings, "map": spec})
     return HeldOut(config, keeper, training_env(config, n_envs))
 
 
