@@ -208,7 +208,7 @@ class MonteCarlo:
         """
         n, a, bins = len(weights), self.config.allocation, len(cloud.ground.bins)
         masses = np.bincount(index, weights, minlength=bins)
-        held = np.flatnonzero(masses)
+        held = np.flatnonzero(masses > 0.0)  # Of booleans it is much faster.
         factor = np.ones(bins)
         factor[held] = masses[held] ** (a - 1.0)
         wheel = np.empty(n)
