@@ -24,16 +24,22 @@ from activeloc.cli.settings import NAMESPACE
 RESAMPLES = 4000
 
 
-def play_best(env_id: str, seeds: list[int], steps: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """The greatest expected return of each episode, and the return of the plan that has it."""
-    batch = gym.make_vec(env_id, num_envs=len(seeds), max_episode_steps=steps)
+def expected(env_id: str, seeds: list[int], steps: int) -> NDArray[np.float64]:
+    """The greatest expected return of each episode."""
+    batch: Any = gym.make_vec(env_id, num_envs=len(seeds))
     batch.reset(seed=seeds)
-    most = optimum(batch.get_wrapper_attr("batch_knowledge"), steps)
+    return optimum(batch.batch_knowledge, steps)
+
+
+def plan(env_id: str, seeds: list[int], steps: int, horizon: int) -> NDArray[np.float64]:
+    """Return of each episode with plans of ``horizon`` steps, or of as many as are left."""
+    batch: Any = gym.make_vec(env_id, num_envs=len(seeds), max_episode_steps=steps)
+    batch.reset(seed=seeds)
     returns = np.zeros(len(seeds))
     for left in range(steps, 0, -1):
-        knowledge = batch.get_wrapper_attr("batch_knowledge")
-        returns += batch.step(first_actions(plan_values(knowledge, left)))[1]
-    return most, returns
+        values = plan_values(batch.batch_knowledge, min(horizon, left))
+        returns += batch.step(first_actions(values))[1]
+    return returns
 
 
 def play(name: str, env_id: str, seeds: list[int], steps: int) -> NDArray[np.float64]:
@@ -64,6 +70,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--env", default="Maze7-v0", help="a maze without noise")
     parser.add_argument("--agents", default="random,greedy,lookahead,ppo")
+    parser.add_argument("--horizons", default="7,9", help="steps of plans; also shorter at the end")
     parser.add_argument("--episodes", type=int, default=1000)
     parser.add_argument("--steps", type=int, help="T; the environment's if not given")
     parser.add_argument("--seed", type=int, default=777, help="of the first episode")
@@ -72,14 +79,16 @@ def main() -> None:
     steps = options.steps or gym.spec(env_id).max_episode_steps
     assert steps is not None
     seeds = [options.seed + episode for episode in range(options.episodes)]
-    most, best = play_best(env_id, seeds, steps)
+    best = plan(env_id, seeds, steps, steps)
     table = Table(title=f"{options.env}, {steps} steps, {len(seeds)} episodes from {seeds[0]}")
     for column in ("agent", "return", "regret", "episodes without"):
         table.add_column(column, justify="left" if column == "agent" else "right")
-    table.add_row("optimum, expected", interval(most), "", "")
+    table.add_row("optimum, expected", interval(expected(env_id, seeds, steps)), "", "")
     table.add_row("optimum, played", interval(best), "0", "100%")
-    for name in options.agents.split(","):
-        returns = play(name, env_id, seeds, steps)
+    horizons = [int(word) for word in options.horizons.split(",") if word]
+    rows = {f"plans of {k} steps": plan(env_id, seeds, steps, k) for k in horizons}
+    rows |= {name: play(name, env_id, seeds, steps) for name in options.agents.split(",") if name}
+    for name, returns in rows.items():
         regret = best - returns
         without = f"{(regret <= 1e-9).mean():.0%}"
         table.add_row(name, interval(returns), interval(regret), without)
