@@ -339,6 +339,71 @@ def plot_egocentric(
     _save(figure, Path(path))
 
 
+def plot_surroundings(
+    free: NDArray[np.bool_],
+    extent: tuple[float, float, float, float],
+    poses: NDArray[np.float64],
+    view: NDArray[Any],
+    ways: NDArray[Any],
+    path: str | Path,
+) -> None:
+    """Draw a map with what stands for the belief on it, and what the egocentric view makes of it.
+
+    Args:
+        free: ``(H, W)``; rows grow upwards.
+        extent: Left, right, lower and upper edge of the map [m].
+        poses: ``(n, 3)``; the hypotheses, the true pose first.
+        view: ``(5, s, s)``,
+        ways: ``(2, bearings, distances)``; see :mod:`activeloc.beliefs.metric_view`.
+        path: Of the PNG; what stands there is replaced.
+
+    Raises:
+        ConfigError: If an array has a wrong shape.
+    """
+    shapes = np.shape(free), np.shape(poses), np.shape(view), np.shape(ways)
+    if [len(shape) for shape in shapes] != [2, 2, 3, 3] or shapes[1][1] != 3 or shapes[3][0] != 2:
+        raise ConfigError(
+            "free must be (H, W), poses (n, 3), view (5, s, s) and ways (2, b, d); got "
+            + ", ".join(map(str, shapes))
+        )
+
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13.0, 2.9), layout="constrained")
+    places = figure.add_gridspec(1, 5, width_ratios=(2.0, 1.0, 1.0, 1.0, 1.0))
+    world, free_way, news = (figure.add_subplot(places[i]) for i in range(3))
+    polar: list[Any] = [figure.add_subplot(places[i], projection="polar") for i in (3, 4)]
+    world.imshow(free, cmap="gray", vmin=-0.6, vmax=1.0, origin="lower", extent=extent)
+    colours = [OKABE_ITO[1]] + [OKABE_ITO[0]] * (len(poses) - 1)
+    world.quiver(
+        *(poses[::-1, 0], poses[::-1, 1], np.cos(poses[::-1, 2]), np.sin(poses[::-1, 2])),
+        color=colours[::-1], scale=30.0, width=0.006, pivot="mid",
+    )  # fmt: skip
+    world.set_title(f"{len(poses) - 1} hypotheses, the truth orange", fontsize=9)
+    half = 0.25 * np.shape(view)[1]
+    planes = ((free_way, "P(free)", 0), (news, "spread of the range ahead", 1))
+    for panel, name, number in planes:
+        window = (-half, half) * 2
+        image = panel.imshow(view[number], vmin=0.0, vmax=1.0, origin="lower", extent=window)
+        panel.plot(0, 0, marker="^", color="white", markeredgecolor="black", markersize=7)
+        panel.set_title(name, fontsize=9)
+    for panel in (world, free_way, news):
+        panel.set_xticks([])
+        panel.set_yticks([])
+    n_bearings, n_distances = np.shape(ways)[1:]
+    angle = 2.0 * np.pi * (np.arange(n_bearings + 1) - 0.5) / n_bearings
+    distance = np.maximum(0.5 * np.arange(n_distances + 1) - 0.25, 0.0)
+    titles = ("ways: P(open)", "what a scan there tells")
+    for panel, name, plane in zip(polar, titles, ways, strict=True):
+        panel.set_theta_zero_location("N")
+        panel.pcolormesh(angle, distance, np.asarray(plane).T, vmin=0.0, vmax=1.0)
+        panel.set_title(name, fontsize=9)
+        panel.set_xticks([])
+        panel.set_yticks([])
+    figure.colorbar(image, ax=polar[-1], shrink=0.6)
+    _save(figure, Path(path))
+
+
 def _jumps(scans: NDArray[np.int64]) -> NDArray[np.intp]:
     """Where a run goes on at a scan that does not follow the one before."""
     return np.flatnonzero(np.diff(scans) > 1) + 1

@@ -9,9 +9,11 @@ from activeloc.beliefs import metric_view
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig
 from activeloc.beliefs.metric_view import HYPOTHESES, MetricView, lookup_of
 from activeloc.beliefs.particles import ParticleBelief, ParticleConfig
+from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
 from activeloc.maps import MapSource, from_text
 from activeloc.motion import MotionModel, Terrain
+from activeloc.plots import plot_surroundings
 from activeloc.raycast import cast_ray
 from activeloc.sensors import BeamModel
 
@@ -304,3 +306,18 @@ def test_a_view_takes_less_than_a_millisecond():
         metric_view.draw_window(poses, counts, table.frame, table.area, table.seen, out)
         took.append(time.thread_time() - start)
     assert min(took) < 1e-3
+
+
+def test_it_can_be_drawn(tmp_path):
+    pytest.importorskip("matplotlib")
+    from PIL import Image
+
+    drawn = MetricView(on(GRID, POSES), SENSOR, 4).draw(0)
+    given = [GRID.free, GRID.extent, np.array(POSES), drawn["view"], drawn["ways"]]
+    plot_surroundings(*given, tmp_path / "view.png")
+    with Image.open(tmp_path / "view.png") as image:
+        assert len(image.convert("RGB").getcolors(1_000_000)) > 20
+    for i, wrong in ((0, np.zeros(3)), (2, np.zeros((2, 2))), (3, np.zeros((4, 9)))):
+        with pytest.raises(ConfigError, match="free must be"):
+            plot_surroundings(*given[:i], wrong, *given[i + 1 :], tmp_path / "no.png")
+    assert not (tmp_path / "no.png").exists()
