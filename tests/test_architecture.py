@@ -33,6 +33,7 @@ HEAVY = {
     "sb3_contrib": ("agents.sb3",),
     "matplotlib": (),
     "pygame": (),
+    "imageio_ffmpeg": (),
     "gymnasium": ("envs", "agents"),
     "typer": ("cli",),
     "rich": ("cli",),

@@ -31,6 +31,7 @@ Then watch in a browser how you did:
 
 METRIC_ADVICE = "spin,greedy,lookahead,active"
 MAZE_ADVICE = "greedy,lookahead"
+CONTINUOUS_ADVICE = "spin,active"
 
 
 def play(
@@ -42,7 +43,8 @@ def play(
         typer.Option(
             "--advice",
             help="Agents whose choice is shown, with commas between. "
-            f"[default: {METRIC_ADVICE}; in mazes {MAZE_ADVICE}]",
+            f"[default: {METRIC_ADVICE}; in mazes {MAZE_ADVICE}; with continuous actions "
+            f"{CONTINUOUS_ADVICE}]",
             metavar="NAMES",
         ),
     ] = None,
@@ -73,8 +75,12 @@ def play(
         check_film(out)
     demand_pygame()
     is_maze = options.default_agents(env) == options.MAZE_AGENTS
+    given = settings or []
     names = options.split_agents(advice or (MAZE_ADVICE if is_maze else METRIC_ADVICE))
-    sweep = options.make_sweep(env, map_spec, belief, names, settings or [], seed, steps)
+    sweep = options.make_sweep(env, map_spec, belief, names, given, seed, steps)
+    if advice is None and sweep.config().actions.kind == "continuous":
+        names = options.split_agents(CONTINUOUS_ADVICE)
+        sweep = options.make_sweep(env, map_spec, belief, names, given, seed, steps)
     game = Game(sweep, episode, size)
     show(game, f"activeloc: {sweep.where}")
     for result in game.results:

@@ -233,6 +233,17 @@ def test_the_command_plays_and_keeps_the_replay(place, keyboard, capsys):
     assert (track["agent"], track["commands"]) == ("you", ["turn left 30 deg", "drive 0.5 m"])
 
 
+def test_advice_suits_the_actions(keyboard, monkeypatch):
+    shown = []
+    monkeypatch.setattr(window, "show", lambda game, title: shown.append([*game.agents]))
+    coarse = "--set belief.cell_size=0.5 --set belief.headings=12 --set agent.active.samples=64"
+    for settings in ("--map hut.txt", "--map hut.txt --set actions=continuous"):
+        assert main(f"play {settings} {coarse}".split()) == 0
+    assert main(["play", "--env", "Maze7-v0"]) == 0
+    assert shown == [["spin", "greedy", "lookahead", "active"], ["spin", "active"],
+                     ["greedy", "lookahead"]]  # fmt: skip
+
+
 def test_leaving_early_is_no_error(keyboard, capsys):
     keyboard("left", "escape")
     assert main(f"play {FAST} --size 300".split()) == 0
@@ -272,7 +283,10 @@ REFUSED = {
     "map": ("play --map lost.yaml", "lost.yaml: cannot read"),
     "suffix": ("play --map hut.txt --out mine.txt", "must end in .gif or .mp4 or .html"),
     "maze": ("play --env Maze7-v0 --advice spin", "agent spin plays no mazes"),
-    "continuous": ("play --map hut.txt --set actions=continuous", "needs discrete actions"),
+    "continuous": (
+        "play --map hut.txt --set actions=continuous --advice greedy",
+        "needs discrete actions",
+    ),
 }
 
 

@@ -124,7 +124,8 @@ def test_the_documented_lines_run(tmp_path, monkeypatch):
     text = (Path(__file__).parents[2] / "docs" / "seeing.md").read_text("utf-8")
     (lines,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     monkeypatch.chdir(tmp_path)
-    exec(lines.replace("max_episode_steps=20", "max_episode_steps=3"), {})
+    small = 'map="rooms(width=4,height=3,smallest=1.5):0", max_episode_steps=3'
+    exec(lines.replace('map="rooms", max_episode_steps=20', small), {})
     assert {path.name for path in tmp_path.iterdir()} == {"mine.html", "mine.gif"}
 
 
