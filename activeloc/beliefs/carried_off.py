@@ -11,8 +11,9 @@ among like places a few lucky ones decide.
 
 *Looking back.* Once that probability reaches ``widen``, the last steps
 (:mod:`~activeloc.beliefs.particle_past`) are gone through again for the leaks alone, with as many
-particles as a robot takes that knows nothing. They take the newcomers' place, and the cloud is one
-again.
+particles as a robot takes that knows nothing. They take the newcomers' place, and are as many as
+their own spread asks for until they hold half of the belief, and the cloud is one again, or next to
+nothing.
 
 Both are Bayes' rule for a uniform leak, but for what leaked before the steps that are remembered,
 which is taken to be uniform still.
@@ -31,6 +32,10 @@ from activeloc.beliefs.particle_past import Counted, Past
 
 TRIED_PER_NEWCOMER = 20
 """Poses that are weighed for each one that joins."""
+FOUND = 0.5
+"""Probability of having been carried off at which nobody asks any more."""
+GIVEN_UP = 0.25
+"""Share of ``widen`` under which it is no longer looked for everywhere."""
 
 
 def take_in(model: MonteCarlo, cloud: Cloud, scan: Counted, log_w: NDArray[np.float64]) -> float:
@@ -90,8 +95,27 @@ def newcomers(
     return poses[drawn_by(log_p, n, cloud.rng)], np.full(n, log_w)
 
 
+def search(model: MonteCarlo, cloud: Cloud) -> None:
+    """Begin to look for the robot everywhere, or stop it, as its chance of being elsewhere says.
+
+    Args:
+        model: Of the filter.
+        cloud: The particles, after a scan; drawn anew where they must be.
+    """
+    w = cloud.elsewhere
+    if not cloud.searching and w >= model.config.widen and not cloud.past.motions:
+        look_back(model, cloud)
+        w = cloud.elsewhere
+    found = cloud.searching and w >= FOUND
+    if found:
+        cloud.n_kept, cloud.past, cloud.searching = len(cloud.poses), Past(), False
+    elif cloud.searching and w < GIVEN_UP * model.config.widen:
+        cloud.searching = False
+    model.resample(cloud, always=found)
+
+
 def look_back(model: MonteCarlo, cloud: Cloud) -> None:
-    """Go through the past again for what leaked; the cloud is one after that.
+    """Go through the past again for what leaked.
 
     Args:
         model: Of the filter.
@@ -103,9 +127,9 @@ def look_back(model: MonteCarlo, cloud: Cloud) -> None:
     with np.errstate(divide="ignore"):
         log_w = np.log(np.append(kept * scale, found.normalised() * w))
     cloud.join(found.poses, log_w, cloud.n_kept)
-    cloud.n_kept, cloud.past = len(cloud.poses), Past()
+    cloud.past, cloud.searching = Past(), True
     cloud.noticed += 1
-    model.resample(cloud, always=True)
+    cloud.place.clear()
 
 
 def _found(model: MonteCarlo, cloud: Cloud) -> tuple[Cloud, float]:

@@ -95,7 +95,8 @@ class Cloud:
         means: Of augmented MCL.
         n_kept: How many of them, the first, follow the robot from where it was; the others have
             come since, for a robot that has been carried off.
-        noticed: How often the others have taken over.
+        searching: Whether the others are looking for the robot everywhere.
+        noticed: How often they have begun to.
         weights: ``(N,)`` summing to one; None where they must be computed from ``log_w``.
         log_total: Logarithm of their sum before they are normalised, where they are known.
         masses: ``(bins,)``; what the last scan left on the common bins, None once it has moved.
@@ -109,6 +110,7 @@ class Cloud:
     rng: np.random.Generator
     means: RunningMeans
     n_kept: int
+    searching: bool = False
     noticed: int = 0
     weights: NDArray[np.float64] | None = None
     log_total: float = 0.0
@@ -153,7 +155,8 @@ class Cloud:
     def of(self, poses: NDArray[np.float64], log_w: NDArray[np.float64]) -> Cloud:
         """Other particles on the same map, with the same source of noise."""
         return replace(
-            self, poses=poses, log_w=log_w, n_kept=len(poses), weights=None, masses=None,
+            self, poses=poses, log_w=log_w, n_kept=len(poses), searching=False,
+            weights=None, masses=None,
             past=Past(),
         )  # fmt: skip
 

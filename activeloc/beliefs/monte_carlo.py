@@ -213,7 +213,8 @@ class MonteCarlo:
         factor[held] = masses[held] ** (a - 1.0)
         wheel = np.empty(n)
         squares = kernels.wheel_of(weights, index, factor, wheel)
-        most = self.config.n_elsewhere if part.start > 0 else self.config.n_max
+        few = part.start > 0 and not cloud.searching
+        most = self.config.n_elsewhere if few else self.config.n_max
         even = wheel[-1] ** 2 >= self.config.ess_ratio * n * squares
         if not always and even and n <= 2 * most:
             return None

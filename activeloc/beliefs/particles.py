@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from activeloc.beliefs import NEAR_ANGLE, NEAR_RADIUS, Summary
 from activeloc.beliefs import particle_kernels as kernels
-from activeloc.beliefs.carried_off import look_back, take_in
+from activeloc.beliefs.carried_off import search, take_in
 from activeloc.beliefs.cloud import Cloud, Ground, ground_of, log_sum, spread_poses
 from activeloc.beliefs.common_bins import CommonBins, entropy
 from activeloc.beliefs.monte_carlo import MonteCarlo
@@ -230,11 +230,8 @@ class ParticleBelief:
         share = cloud.means.add(float(np.exp(stayed / n))) if n else 0.0
         if self.config.recovery == "augmented" and share > 0.0:
             self.model.inject(cloud, share, counted)
-        elif cloud.elsewhere >= self.config.widen and not cloud.past.motions:
-            look_back(self.model, cloud)
-            cloud.place.clear()
         else:
-            self.model.resample(cloud)
+            search(self.model, cloud)
         cloud.settle()
         return evidence
 

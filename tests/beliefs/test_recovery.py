@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from activeloc.beliefs.carried_off import look_back
+from activeloc.beliefs.carried_off import look_back, search
 from activeloc.beliefs.particle_past import REMEMBERED
 from activeloc.beliefs.particles import ParticleBelief, ParticleConfig
 from activeloc.beliefs.recovery import RunningMeans
@@ -136,22 +136,53 @@ def test_without_recovery_it_is_not(seed):
     assert (background == 0.0).all()
 
 
-def test_the_chance_grows_until_the_robot_is_looked_for_and_begins_again_at_zero():
+def test_the_chance_grows_until_the_robot_is_looked_for_and_found():
     belief = tracker(4, leak=1e-3, widen=0.1)
-    heard = []
-    for step, (pose, u, z) in enumerate(walk(16, 4, kidnapped_at=5)):
+    heard, searching = [], []
+    for step, (pose, u, z) in enumerate(walk(20, 4, kidnapped_at=5)):
         belief.predict(0, u)
         before = belief.noticed(0)
         belief.correct(0, z)
         heard.append(belief.noticed(0) - before)
+        searching.append(belief._cloud(0).searching)
         if heard[-1]:
-            assert belief.background(0) == 0.0
             assert belief.mass_near(0, pose) > 0.05
-            assert belief.n_particles(0) <= 20_000
             assert step >= 5
         elif step < 5:
             assert belief.background(0) < 0.01
+        if searching[-1]:
+            assert 0.025 <= belief.background(0) < 0.5
     assert sum(heard) == 1
+    assert not searching[-1]
+    assert belief.background(0) < 0.01
+    assert belief.mass_near(0, pose) > 0.8
+
+
+@pytest.mark.parametrize(("w", "goes_on"), [(0.004, False), (0.006, True), (0.4, True)])
+def test_a_search_goes_on_until_it_has_found_or_has_given_up(w, goes_on):
+    """Given up, those who came fall back to a few; found, the cloud is one again."""
+    belief = tracker(0, widen=0.02, n_elsewhere=100)
+    cloud = belief._cloud(0)
+    found = belief.terrain(0).uniform_poses(np.random.default_rng(0).random((3_000, 4)))
+    log_w = np.concatenate([np.full(1_000, log((1 - w) / 1_000)), np.full(3_000, log(w / 3_000))])
+    cloud.join(found, log_w)
+    cloud.searching = True
+    search(belief.model, cloud)
+    assert cloud.searching == goes_on
+    assert cloud.elsewhere == pytest.approx(w)
+    assert belief.n_particles(0) - cloud.n_kept == (3_000 if goes_on else 100)
+    assert belief.noticed(0) == 0
+
+
+def test_a_search_that_holds_half_of_the_belief_has_found():
+    belief = tracker(0, widen=0.02)
+    cloud = belief._cloud(0)
+    cloud.join(np.tile(THERE, (1_000, 1)), np.log(np.full(2_000, 1 / 2_000)))
+    cloud.searching = True
+    search(belief.model, cloud)
+    assert not cloud.searching
+    assert belief.background(0) == 0.0
+    assert belief.mass_near(0, THERE) == pytest.approx(0.5, abs=0.03)
 
 
 def test_a_robot_that_nobody_carries_off_is_not_looked_for():
