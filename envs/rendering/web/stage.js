@@ -54,13 +54,13 @@ class Stage {
     // Cells that are large are squares; small ones are blended, so that thin walls stay.
     ink.imageSmoothingEnabled = this.width / this.map.shape[1] < 2;
     ink.drawImage(this.map.sheets[view.scheme], 0, 0, this.width, this.height);
+    this.drawScale(scheme);
     if (view.layers.particles && track.particles) this.drawParticles(s, scheme);
     if (view.layers.path) this.drawPath(s, scheme);
     if (view.layers.headings) this.drawHeadings(s, scheme, view.sector);
     if (view.layers.scan) this.drawScan(s, scheme);
     if (view.layers.estimate) this.drawEstimate(s, scheme);
     if (view.layers.truth) this.drawRobot(s, scheme);
-    this.drawScale(scheme);
   }
 
   drawBelief(s, view) {
