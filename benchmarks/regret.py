@@ -9,6 +9,8 @@ it; every agent plays the same episodes, and its regret is what that one gets mo
 from __future__ import annotations
 
 import argparse
+import time
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
@@ -24,6 +26,19 @@ from activeloc.cli.settings import NAMESPACE
 RESAMPLES = 4000
 
 
+@dataclass(frozen=True, slots=True)
+class Played:
+    """How episodes went.
+
+    Attributes:
+        returns: ``(N,)``.
+        ms: CPU time of an episode's decisions [ms].
+    """
+
+    returns: NDArray[np.float64]
+    ms: float
+
+
 def expected(env_id: str, seeds: list[int], steps: int) -> NDArray[np.float64]:
     """The greatest expected return of each episode."""
     batch: Any = gym.make_vec(env_id, num_envs=len(seeds))
@@ -31,30 +46,34 @@ def expected(env_id: str, seeds: list[int], steps: int) -> NDArray[np.float64]:
     return optimum(batch.batch_knowledge, steps)
 
 
-def plan(env_id: str, seeds: list[int], steps: int, horizon: int) -> NDArray[np.float64]:
-    """Return of each episode with plans of ``horizon`` steps, or of as many as are left."""
+def plan(env_id: str, seeds: list[int], steps: int, horizon: int) -> Played:
+    """Plans of ``horizon`` steps, or of as many as are left; all robots are planned for at once."""
     batch: Any = gym.make_vec(env_id, num_envs=len(seeds), max_episode_steps=steps)
     batch.reset(seed=seeds)
-    returns = np.zeros(len(seeds))
+    returns, seconds = np.zeros(len(seeds)), 0.0
     for left in range(steps, 0, -1):
-        values = plan_values(batch.batch_knowledge, min(horizon, left))
-        returns += batch.step(first_actions(values))[1]
-    return returns
+        knowledge, begun = batch.batch_knowledge, time.thread_time()
+        actions = first_actions(plan_values(knowledge, min(horizon, left)))
+        seconds += time.thread_time() - begun
+        returns += batch.step(actions)[1]
+    return Played(returns, 1e3 * seconds / len(seeds))
 
 
-def play(name: str, env_id: str, seeds: list[int], steps: int) -> NDArray[np.float64]:
-    """An agent's return in each episode."""
+def play(name: str, env_id: str, seeds: list[int], steps: int) -> Played:
+    """An agent, one robot after the other."""
     env = gym.make(env_id, max_episode_steps=steps, disable_env_checker=True)
     agent = make_agent(name, env=env_id)
-    returns = np.zeros(len(seeds))
+    returns, seconds = np.zeros(len(seeds)), 0.0
     for episode, seed in enumerate(seeds):
         observation, _ = env.reset(seed=seed)
         agent.reset(np.random.default_rng(seed))
         for _ in range(steps):
+            begun = time.thread_time()
             action = agent.act(observation, env.unwrapped.knowledge)  # type: ignore[attr-defined]
+            seconds += time.thread_time() - begun
             observation, reward, *_ = env.step(action)
             returns[episode] += float(reward)
-    return returns
+    return Played(returns, 1e3 * seconds / len(seeds))
 
 
 def interval(values: NDArray[np.float64]) -> str:
@@ -81,18 +100,18 @@ def main() -> None:
     seeds = [options.seed + episode for episode in range(options.episodes)]
     best = plan(env_id, seeds, steps, steps)
     table = Table(title=f"{options.env}, {steps} steps, {len(seeds)} episodes from {seeds[0]}")
-    for column in ("agent", "return", "regret", "episodes without"):
+    for column in ("agent", "return", "regret", "episodes without", "ms an episode"):
         table.add_column(column, justify="left" if column == "agent" else "right")
-    table.add_row("optimum, expected", interval(expected(env_id, seeds, steps)), "", "")
-    table.add_row("optimum, played", interval(best), "0", "100%")
+    table.add_row("optimum, expected", interval(expected(env_id, seeds, steps)), "", "", "")
+    table.add_row("optimum, played", interval(best.returns), "0", "100%", f"{best.ms:.1f}")
     horizons = [int(word) for word in options.horizons.split(",") if word]
     rows = {f"plans of {k} steps": plan(env_id, seeds, steps, k) for k in horizons}
     rows |= {name: play(name, env_id, seeds, steps) for name in options.agents.split(",") if name}
-    for name, returns in rows.items():
-        regret = best - returns
-        without = f"{(regret <= 1e-9).mean():.0%}"
-        table.add_row(name, interval(returns), interval(regret), without)
-    Console(width=100).print(table)
+    for name, played in rows.items():
+        regret = best.returns - played.returns
+        without, ms = f"{(regret <= 1e-9).mean():.0%}", f"{played.ms:.1f}"
+        table.add_row(name, interval(played.returns), interval(regret), without, ms)
+    Console(width=120).print(table)
 
 
 if __name__ == "__main__":

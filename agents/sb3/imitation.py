@@ -363,7 +363,7 @@ def fit_values(
             return np.nan
         tensors, _ = policy.obs_to_tensor(observations)
         with torch.no_grad():
-            latent = policy.mlp_extractor(policy.extract_features(tensors))[1]  # type: ignore[arg-type]
+            latent = policy.mlp_extractor(policy.extract_features(tensors))[1]
         features.append(latent.numpy())
         env.step_async(policy.predict(observations, deterministic=False)[0])
         observations, reward, done, _ = env.step_wait()
@@ -379,7 +379,9 @@ def fit_values(
     with torch.no_grad():
         policy.value_net.weight.copy_(torch.as_tensor(head[None, :-1]))
         policy.value_net.bias.copy_(torch.as_tensor(head[-1:]))
-    return float(1.0 - np.var(returns[ended] - x @ head) / max(np.var(returns[ended]), 1e-12))
+    return 1.0 - float(np.var(returns[ended] - x @ head)) / max(
+        float(np.var(returns[ended])), 1e-12
+    )
 
 
 def returns_to_go(
