@@ -214,7 +214,9 @@ class MonteCarlo:
         wheel = np.empty(n)
         squares = kernels.wheel_of(weights, index, factor, wheel)
         few = part.start > 0 and not cloud.searching
-        most = self.config.n_elsewhere if few else self.config.n_max
+        most = self.config.n_max
+        if few:
+            most = min(most, self.config.n_elsewhere)
         even = wheel[-1] ** 2 >= self.config.ess_ratio * n * squares
         if not always and even and n <= 2 * most:
             return None

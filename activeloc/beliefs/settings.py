@@ -81,10 +81,11 @@ class ParticleConfig:
 
     Attributes:
         n_min: Fewest particles.
-        n_max: Most particles, once the first scan has been read.
+        n_max: Most particles, once the first scan has been read; as many again may stand for a robot
+            that has been carried off.
         n_start: Particles that are spread over a whole map before a scan is read.
-        n_elsewhere: Fewest particles for the chance that the robot has been carried off, and poses
-            that are tried for it at each scan; as it grows, more, up to ``n_max`` and ``n_start``.
+        n_elsewhere: Particles for the chance that the robot has been carried off, while it is small
+            (twice as many in passing), and poses that are tried for it at each scan.
         per_state: Particles per effective state: N = ``per_state`` exp(H), within the two limits.
         allocation: A bin of mass m gets particles in proportion to m to this power, in (0, 1].
         ess_ratio: Resample when the effective sample size falls under this share of N.

@@ -102,13 +102,13 @@ def test_two_processes_give_the_bytes_of_one(whole, tmp_path):
 
 
 def test_particles_give_the_same_bytes_in_two_processes(tmp_path):
-    few = {"kind": "particles", "n_min": 50, "n_max": 400}
+    few = {"kind": "particles", "n_min": 50, "n_max": 400, "n_elsewhere": 60}
     for jobs in (1, 2):
         played = sweep(settings={"belief": few}, agents={"random": {}, "spin": {}}, episodes=2)
         evaluate(played, tmp_path / str(jobs), jobs=jobs)
     assert results(tmp_path / "1") == results(tmp_path / "2")
     diagnostics = json.loads((tmp_path / "1" / "summary.json").read_text())["diagnostics"]
-    assert 50 <= diagnostics["spin"]["n_particles"] <= 400
+    assert 50 <= diagnostics["spin"]["n_particles"] <= 400 + 2 * 60
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
