@@ -81,8 +81,8 @@ class ParticleConfig:
 
     Attributes:
         n_min: Fewest particles.
-        n_max: Most particles, once the first scan has been read; as many again may stand for a robot
-            that has been carried off.
+        n_max: Most particles, once the first scan has been read; as many again may stand for a
+            robot that has been carried off.
         n_start: Particles that are spread over a whole map before a scan is read.
         n_elsewhere: Particles for the chance that the robot has been carried off, while it is small
             (twice as many in passing), and poses that are tried for it at each scan.
