@@ -232,6 +232,8 @@ BAD = [
     (ObservationConfig, "headings", 0),
     (ObservationConfig, "rows", 513),
     (ObservationConfig, "cols", 32.0),
+    (ObservationConfig, "view", 1),
+    (ObservationConfig, "radius", 0),
 ]
 
 

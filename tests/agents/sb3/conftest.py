@@ -9,7 +9,7 @@ ENV = "activeloc/GlobalLocalization-v0"
 HOME = {
     "map": "rooms(width=6,height=5,resolution=0.1):0",
     "belief": {"kind": "histogram", "cell_size": 0.5, "headings": 12},
-    "observation": {"headings": 4, "rows": 9, "cols": 12},
+    "observation": {"headings": 4, "rows": 9, "cols": 12, "view": False},
     "max_episode_steps": 7,
 }
 ROWS = {
