@@ -12,8 +12,7 @@ from activeloc.errors import ActiveLocError
 
 EXAMPLES = """examples:
   python train.py --env Maze7-v0 --total-timesteps 1000000 --out runs/maze7
-  python train.py --env Maze15-v0 --imitate lookahead --set imitation.labels=150000 \\
-      --out runs/maze15
+  python train.py --env Maze15-v0 --imitate lookahead --total-timesteps 300000 --out runs/maze15
   python train.py --env GlobalLocalization-v0 --algo recurrent_ppo \\
       --set env.map=office:0-3 --set n_envs=16 --out runs/office
   tensorboard --logdir runs
