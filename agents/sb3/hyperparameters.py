@@ -1,8 +1,8 @@
 """What each algorithm uses in each environment: one table.
 
 The maze's PPO row was measured (256 robots, 16 steps, learning rate falling to zero; from scratch
-.999 right on mazes of 15 x 15 after 4 million steps); others start from it. A metric step costs a hundred times
-a maze step, so that there fewer robots collect longer rollouts.
+.999 right on mazes of 15 x 15 after 4 million steps); others start from it. A metric step costs a
+hundred times a maze step, so that there fewer robots collect longer rollouts.
 """
 
 from __future__ import annotations
