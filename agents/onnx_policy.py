@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from activeloc.agents.commands import LEFT, RIGHT
 from activeloc.beliefs.egocentric import EgocentricView
 from activeloc.beliefs.metric_view import MetricView
 from activeloc.envs.maze_episodes import MazeKnowledge
@@ -91,6 +92,10 @@ class OnnxAgent:
     that it has not taken there, until all have been: a robot that chooses by what it sees would
     go in a circle otherwise. A network with a memory or a clock sees to that itself.
 
+    On a metric map no observation comes twice. There it takes no turn back, and none after a full
+    circle, before it has driven: the two turns are often worth the same, and it would look to and
+    fro for ever.
+
     Attributes:
         file: The network's.
         sha256: Of the file, found when it is read: two files are two agents.
@@ -107,6 +112,7 @@ class OnnxAgent:
     _metric_view: MetricView | None = field(default=None, init=False, repr=False)
     _memory: dict[str, NDArray[np.float32]] = field(default_factory=dict, init=False, repr=False)
     _taken: dict[bytes, set[int]] = field(default_factory=dict, init=False, repr=False)
+    _turns: int = field(default=0, init=False, repr=False)
 
     def __post_init__(self) -> None:
         content = _read(Path(self.file))
@@ -120,7 +126,7 @@ class OnnxAgent:
         """See :class:`Agent`; nothing here is left to chance."""
         self._memory = self._network.memory()
         self._view, self._metric_view = None, None
-        self._taken = {}
+        self._taken, self._turns = {}, 0
 
     def act(self, observation: Mapping[str, Any], knowledge: AnyKnowledge) -> Any:
         """See :class:`Agent`.
@@ -131,11 +137,14 @@ class OnnxAgent:
         observed = self._observed(self._drawn(observation, knowledge))
         logits, *memory = self._network.run({**observed, **self._memory})
         self._memory = dict(zip(MEMORY, memory, strict=False))
-        action = int(logits[0].argmax()) if memory else self._next_best(observed, logits[0])
         space = knowledge.actions.space
         if logits.shape[1] != getattr(space, "n", None):
             raise ConfigError(f"{self.file}: knows {logits.shape[1]} actions; there are {space}")
-        return action
+        if memory:
+            return int(logits[0].argmax())
+        if isinstance(knowledge, MazeKnowledge):
+            return self._next_best(observed, logits[0])
+        return self._without_turning_back(logits[0], knowledge.actions.turn)
 
     def _next_best(
         self, observed: Mapping[str, NDArray[np.float32]], logits: NDArray[np.float32]
@@ -148,6 +157,20 @@ class OnnxAgent:
         ranked = np.argsort(-logits, kind="stable")
         action = next(int(a) for a in ranked if int(a) not in taken)
         taken.add(action)
+        return action
+
+    def _without_turning_back(self, logits: NDArray[np.float32], turn: float) -> int:
+        """The highest-ranked action that neither turns back nor goes on after a full circle."""
+        allowed = logits.copy()
+        if self._turns:
+            allowed[LEFT if self._turns < 0 else RIGHT] = -np.inf
+        if abs(self._turns) * turn >= 2.0 * np.pi - 1e-9:
+            allowed[[LEFT, RIGHT]] = -np.inf
+        action = int(allowed.argmax())
+        if action in (LEFT, RIGHT):
+            self._turns += 1 if action == LEFT else -1
+        else:
+            self._turns = 0
         return action
 
     def _drawn(self, observation: Mapping[str, Any], knowledge: AnyKnowledge) -> Mapping[str, Any]:

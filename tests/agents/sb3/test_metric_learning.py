@@ -1,5 +1,7 @@
 """What learning on metric maps adds: keys, mirroring, other buildings, views drawn by policies."""
 
+from typing import ClassVar
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -132,3 +134,32 @@ def test_a_policy_draws_the_view_itself(small, kind, tmp_path):
             observation = env.step(actions[-1])[0]
         chosen.append(actions)
     assert chosen[0] == chosen[1]
+
+
+class Scripted:
+    """Stands for a network: logits one after the other."""
+
+    inputs: ClassVar[dict[str, list[int]]] = {}
+
+    def __init__(self, rows):
+        self.rows = [np.array([row], np.float32) for row in rows]
+
+    def memory(self):
+        return {}
+
+    def run(self, inputs):
+        return [self.rows.pop(0)]
+
+
+def test_a_turn_is_not_taken_back_before_a_drive(small, tmp_path):
+    file = tmp_path / "policy.onnx"
+    file.write_bytes(onnx_of(build_model(small, training_env(small))))
+    agent = OnnxAgent(str(file))
+    agent.reset(np.random.default_rng(0))
+    env = gym.make(ID, map=MAP, belief=SMALL["belief"])
+    observation, _ = env.reset(seed=0)
+    left, right, ahead = [3.0, 2.0, 1.0], [2.0, 3.0, 1.0], [2.0, 1.0, 3.0]
+    # To and fro; ahead, which allows both turns again; once around to the right, and no further.
+    agent._network = Scripted([left, right, left, ahead, right, left, right, *[right] * 10, right])
+    chosen = [agent.act(observation, env.unwrapped.knowledge) for _ in range(18)]
+    assert chosen == [0, 0, 0, 2, *[1] * 12, 2, 1]
