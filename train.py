@@ -13,8 +13,9 @@ from activeloc.errors import ActiveLocError
 EXAMPLES = """examples:
   python train.py --env Maze7-v0 --total-timesteps 1000000 --out runs/maze7
   python train.py --env Maze15-v0 --imitate lookahead --total-timesteps 300000 --out runs/maze15
-  python train.py --env GlobalLocalization-v0 --algo recurrent_ppo \\
-      --set env.map=office:0-3 --set n_envs=16 --out runs/office
+  python train.py --env GlobalLocalization-v0 --imitate glance --out runs/offices
+  python train.py --env GlobalLocalization-v0 --imitate glance \\
+      --set env.map=building.yaml --out runs/building
   tensorboard --logdir runs
 
 The same command with --resume goes on where a run was stopped, and ends with the same weights.
