@@ -46,6 +46,7 @@ QUICK = {
     "greedy": {"samples": 60, "readings": 4},
     "lookahead": {"steps": 2, "samples": 60, "readings": 4},
     "active": {"samples": 60, "readings": 4, "bearings": 6},
+    "glance": {},
 }
 NO_NOISE = MotionModel(MotionNoise(), MotionNoise())
 BLIND = BeamModel(w_hit=0.0, w_short=0.0, w_max=1.0, w_rand=0.0)
