@@ -11,6 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 REMEMBERED = 20
+"""Scans."""
+MOST_MOTIONS = 200
+"""Between two scans that count; after more of them the past is forgotten."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +65,8 @@ class Past:
     def moved(self, u: NDArray[np.float64], contact: bool) -> None:
         """Write down a motion."""
         self.motions.append((u, contact))
+        if len(self.motions) > MOST_MOTIONS:
+            self.steps, self.motions = [], []
 
     def read(self, scan: Counted, log_kept: float) -> None:
         """Write down a scan, and what the kept particles weigh after it."""

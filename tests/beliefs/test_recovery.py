@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from activeloc.beliefs.carried_off import look_back, search
-from activeloc.beliefs.particle_past import REMEMBERED
+from activeloc.beliefs.particle_past import MOST_MOTIONS, REMEMBERED
 from activeloc.beliefs.particles import ParticleBelief, ParticleConfig
 from activeloc.beliefs.recovery import RunningMeans
 from activeloc.errors import ConfigError
@@ -462,6 +462,22 @@ def test_the_past_remembers_so_many_scans_that_count():
         assert len(past.motions) == 1
         assert len(past.steps[-1].motions) == (1 if step == 0 else 2)
     assert all(step.scan.weights.any() for step in past.steps)
+
+
+def test_a_robot_that_turns_on_the_spot_for_ever_forgets_its_past():
+    belief = still(0, widen=1.0, repetition=0.0)
+    (u, z), *_ = drives(1, 99)
+    belief.predict(0, u)
+    belief.correct(0, z)
+    past = belief._cloud(0).past
+    for turns in range(1, MOST_MOTIONS + 1):
+        belief.predict(0, np.array([0.0, 0.0, 2.0 * pi]))
+        assert (len(past.steps), len(past.motions)) == (1, turns)
+    belief.predict(0, np.array([0.0, 0.0, 2.0 * pi]))
+    assert (past.steps, past.motions) == ([], [])
+    belief.predict(0, u)
+    belief.correct(0, z)
+    assert len(past.steps) == len(past.steps[0].motions) == 1
 
 
 def test_a_past_belongs_to_its_copy_alone():
