@@ -418,7 +418,9 @@ def test_looking_back_finds_what_bayes_rule_says():
             belief.correct(0, z)
         cloud = belief._cloud(0)
         assert len(cloud.past.steps) == 5
+        assert cloud.place.readings.any()
         look_back(belief.model, cloud)
+        assert not cloud.place.readings.any()  # It may stand in another place.
         poses, w = belief.particles(0)
         here = (np.abs(poses - belief_pose(belief, steps)) < 1e-4).all(axis=1)
         got.append(w[~here].sum())
