@@ -193,10 +193,6 @@ class HistogramBelief:
         """
         return self._track(robot).noticed
 
-    def delocalised(self, robot: int) -> bool:
-        """Whether the last scan made the belief widen to the whole map."""
-        return self._track(robot).has_widened
-
     def terrain(self, robot: int) -> Terrain:
         """See :class:`Belief`."""
         return self._track(robot).tables.terrain

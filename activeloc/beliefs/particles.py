@@ -151,7 +151,7 @@ class ParticleBelief:
         """How many particles there are now."""
         return len(self._cloud(robot).poses)
 
-    def background(self, robot: int) -> float:
+    def elsewhere(self, robot: int) -> float:
         """Probability that the robot is not where it was: it has been carried off, or was lost."""
         return self._cloud(robot).elsewhere
 

@@ -105,7 +105,7 @@ def followed(belief, steps, seed, kidnapped_at=None):
         belief.predict(0, u)
         belief.correct(0, z)
         near.append(belief.mass_near(0, pose))
-        background.append(belief.background(0))
+        background.append(belief.elsewhere(0))
     return np.array(near), np.array(background)
 
 
@@ -149,12 +149,12 @@ def test_the_chance_grows_until_the_robot_is_looked_for_and_found():
             assert belief.mass_near(0, pose) > 0.05
             assert step >= 5
         elif step < 5:
-            assert belief.background(0) < 0.01
+            assert belief.elsewhere(0) < 0.01
         if searching[-1]:
-            assert 0.025 <= belief.background(0) < 0.5
+            assert 0.025 <= belief.elsewhere(0) < 0.5
     assert sum(heard) == 1
     assert not searching[-1]
-    assert belief.background(0) < 0.01
+    assert belief.elsewhere(0) < 0.01
     assert belief.mass_near(0, pose) > 0.8
 
 
@@ -181,7 +181,7 @@ def test_a_search_that_holds_half_of_the_belief_has_found():
     cloud.searching = True
     search(belief.model, cloud)
     assert not cloud.searching
-    assert belief.background(0) == 0.0
+    assert belief.elsewhere(0) == 0.0
     assert belief.mass_near(0, THERE) == pytest.approx(0.5, abs=0.03)
 
 
@@ -224,7 +224,7 @@ def test_a_scan_that_only_a_robot_carried_off_reads_is_noticed_at_once():
     belief = certain(0.003, 500, n_elsewhere=1)  # Too few: as many as at the start are tried.
     assert -inf < belief.correct(0, scan) < log(belief.config.leak)
     assert belief.noticed(0) == 1
-    assert belief.background(0) == 0.0
+    assert belief.elsewhere(0) == 0.0
     poses, weights = belief.particles(0)
     assert weights.sum() == pytest.approx(1.0)
     assert not (poses == HERE).all(axis=1).any()
@@ -303,7 +303,7 @@ def test_injected_poses_lie_on_open_ground_and_are_as_many_as_the_means_say(inje
     assert belief.terrain(0).contains(injected).all()
     assert (injected[:, 2] >= -pi).all()
     assert (injected[:, 2] < pi).all()
-    assert belief.background(0) == 0.0
+    assert belief.elsewhere(0) == 0.0
     # Where they are: over the open ground, or as the scan's likelihood.
     ground = belief.terrain(0).uniform_poses(np.random.default_rng(1).random((200_000, 4)))
     rows, law = belief.forecast(0, ground)
@@ -397,7 +397,7 @@ def test_newcomers_weigh_what_bayes_rule_says(kidnapped_at):
         for u, z in steps:
             belief.predict(0, u)
             evidence = belief.correct(0, z)
-            row.append(belief.background(0))
+            row.append(belief.elsewhere(0))
         got.append(row)
         assert np.isfinite(evidence)
     off = logit(np.mean(got, axis=0)) - logit(exact)
@@ -448,7 +448,7 @@ def test_the_evidence_is_the_mixture_s():
     anywhere = likelihood(belief, z, ground).mean()
     mixture = LEAK * anywhere + (1.0 - LEAK) * likelihood(belief, z, here)[0]
     assert exp(belief.correct(0, z)) == pytest.approx(mixture, rel=1e-3)
-    assert belief.background(0) == pytest.approx(LEAK * anywhere / mixture, rel=0.1)
+    assert belief.elsewhere(0) == pytest.approx(LEAK * anywhere / mixture, rel=0.1)
 
 
 def test_the_past_remembers_so_many_scans_that_count():
@@ -489,12 +489,12 @@ def test_a_past_belongs_to_its_copy_alone():
         belief.predict(0, u)
         belief.correct(0, z)
     twin = belief.copy()
-    w = belief.background(0)
+    w = belief.elsewhere(0)
     belief.predict(0, steps[0][0])
     belief.correct(0, steps[0][1])
     assert len(twin._cloud(0).past.steps) == 3
     assert twin._cloud(0).past.motions == []
-    assert twin.background(0) == w != belief.background(0)
+    assert twin.elsewhere(0) == w != belief.elsewhere(0)
 
 
 def test_newcomers_lie_on_open_ground_behind_those_that_are_kept():
@@ -506,7 +506,7 @@ def test_newcomers_lie_on_open_ground_behind_those_that_are_kept():
     assert len(poses) == 50 + 2_000 // 20
     assert np.ptp(poses[:50], axis=0).max() == 0.0
     assert belief.terrain(0).contains(poses[50:]).all()
-    assert w[50:].sum() == belief.background(0) > 0.0
+    assert w[50:].sum() == belief.elsewhere(0) > 0.0
     np.testing.assert_allclose(w[50:], w[50], rtol=1e-9)
 
 

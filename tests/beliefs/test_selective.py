@@ -281,7 +281,6 @@ def test_a_belief_that_widens_is_the_mixture_weighed_by_the_scan(flat):
     expected = belief.probabilities(0) * likelihood_of(belief, scan, np.full(5, 0.7))
     evidence = belief.correct(0, scan)
     assert belief.noticed(0) == 1
-    assert belief.delocalised(0)
     assert belief.elsewhere(0) < 1e-3
     assert evidence == pytest.approx(log(expected.sum()), abs=1e-9)
     np.testing.assert_allclose(
@@ -290,7 +289,6 @@ def test_a_belief_that_widens_is_the_mixture_weighed_by_the_scan(flat):
     assert belief.place(0).readings.sum() == 5
     belief.correct(0, np.full(5, 1.0))
     assert belief.noticed(0) == 1
-    assert not belief.delocalised(0)
 
 
 def test_a_scan_that_is_impossible_here_is_evidence_of_being_elsewhere(flat):
