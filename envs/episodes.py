@@ -99,7 +99,7 @@ class EpisodeConfig:
             task=build(Task, task, "task"),
             map=MapSource.parse(given["map"] if given["map"] is not None else "office"),
             belief=build_kind(BELIEFS, given["belief"], "belief", "histogram"),
-            sensor=build_kind(SENSORS, given["sensor"], "sensor", "beam"),
+            sensor=_sensor(given["sensor"], "sensor"),
             motion=build(MotionModel, given["motion"], "motion"),
             actions=build(Actions, actions, "actions"),
             reward=build(RewardWeights, given["reward"], "reward"),
@@ -107,7 +107,7 @@ class EpisodeConfig:
             world="continuous" if given["world"] is None else given["world"],
             filter_sensor=None
             if given["filter_sensor"] is None
-            else build_kind(SENSORS, given["filter_sensor"], "filter_sensor", "beam"),
+            else _sensor(given["filter_sensor"], "filter_sensor"),
             filter_motion=None
             if given["filter_motion"] is None
             else build(MotionModel, given["filter_motion"], "filter_motion"),
@@ -123,6 +123,14 @@ class EpisodeConfig:
                 f"got {len(config.filter_sensor.bearings)}"
             )
         return config
+
+
+def _sensor(value: object, where: str) -> RangeSensor:
+    """A sensor as it was given, if it is one; otherwise one of the table, by name or fields."""
+    if isinstance(value, RangeSensor) and not isinstance(value, type):
+        return value
+    sensor: RangeSensor = build_kind(SENSORS, value, where, "beam")
+    return sensor
 
 
 @dataclass(frozen=True, slots=True)

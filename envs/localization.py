@@ -87,7 +87,8 @@ class LocalizationEnv(gym.Env[Observation, Any]):
             building 7, ``office:0-3`` to draw one of four, ``office:*`` for a new one every
             episode; a map file; an :class:`OccupancyGrid`.
         belief: ``histogram`` or ``particles``, or a configuration object, or its fields.
-        sensor: ``beam``, ``proximity``, ``sonar`` or ``field``, or a sensor, or its fields.
+        sensor: ``beam``, ``proximity``, ``sonar`` or ``field``, or its fields, or any
+            :class:`RangeSensor`.
         motion: A :class:`MotionModel` or its fields.
         actions: ``discrete``, ``discrete+stay``, ``continuous``, :class:`Actions` or its fields.
         reward: :class:`RewardWeights` or its fields.

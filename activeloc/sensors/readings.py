@@ -67,6 +67,7 @@ class ReadingBins:
         return result
 
 
+@runtime_checkable
 class RangeSensor(Protocol):
     """What filters, simulator and planners need of a range sensor."""
 
@@ -101,19 +102,28 @@ class ExpectedRangeSensor(RangeSensor, Protocol):
 
     z* is the nearest of the exact ranges in the directions of :attr:`cone`. Filters cast or look up
     z*, and tabulate :meth:`masses` once over z* instead of asking for each ray.
+
+    A class that inherits from this one needs ``z_max``, ``bearings``, :meth:`masses` and
+    :meth:`read`; its beams are thin unless it says otherwise.
     """
 
     @property
     def cone(self) -> NDArray[np.float64]:
         """``(R,)``; directions about a beam's axis that it hears [rad]; one zero if it is thin."""
-        ...
+        return np.zeros(1)
 
     def expected(self, grid: OccupancyGrid, rays: NDArray[np.float64]) -> NDArray[np.float64]:
         """z*: nearest exact range of each ray's cone, ``(...)`` for ``(..., 3)`` [m].
 
         At most ``z_max``, and exactly that where nothing is in range.
         """
-        ...
+        return nearest_range(grid, rays, self.cone, self.z_max)
+
+    def bin_probabilities(
+        self, grid: OccupancyGrid, rays: NDArray[np.float64], bins: ReadingBins
+    ) -> NDArray[np.float64]:
+        """See :meth:`RangeSensor.bin_probabilities`."""
+        return self.masses(self.expected(grid, rays), bins)
 
     def masses(self, z_expected: NDArray[np.float64], bins: ReadingBins) -> NDArray[np.float64]:
         """P(reading in bin | z*): ``(..., Z)`` for ``(...)``; each row sums to one."""

@@ -14,6 +14,7 @@ from activeloc.envs.localization import LocalizationEnv
 from activeloc.envs.vector import LocalizationVectorEnv
 from activeloc.errors import ActionError, ActiveLocError, ConfigError, MapError
 from activeloc.maps import from_text
+from activeloc.sensors import BeamModel
 
 GLOBAL = "activeloc/GlobalLocalization-v0"
 GRID = from_text("########\n#..#...#\n#......#\n#..#.###\n########", resolution=0.5, name="hut")
@@ -57,6 +58,7 @@ SETTINGS = {
     "a number for the task": ({"task": 3}, "task must be a Task or a mapping"),
     "a list for the belief": ({"belief": ["histogram"]}, "belief must be one of"),
     "a kind that is a list": ({"belief": {"kind": ["histogram"]}}, "belief"),
+    "a class for the sensor": ({"sensor": BeamModel}, "sensor must be one of beam, field"),
     "a number for the sensor": ({"sensor": 1.5}, "sensor must be one of beam, field"),
     "a string for the motion": ({"motion": "noisy"}, "motion must be a MotionModel"),
     "a number for a nested field": ({"motion": {"odometry": 0.1}}, "odometry must be a MotionNoi"),
