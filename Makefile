@@ -18,6 +18,10 @@ $(STAMP)-dev: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(PIP) -e ".[dev]"
 	touch $@ $(STAMP)-demo
 
+$(STAMP)-bench: $(STAMP)-dev
+	$(PIP) -e ".[bench,dev]"
+	touch $@
+
 demo: $(STAMP)-demo  ## a table of agents, curves, replays and a film, in demo/
 	$(BIN)/activeloc evaluate --map office:0-3 --agents random,spin,greedy,active \
 	    --episodes 8 --steps 100 --seed 1 --jobs 2 --out demo --overwrite --report
@@ -38,8 +42,8 @@ lint: $(STAMP)-dev
 figures: $(STAMP)-dev  ## the slow checks, at full sample size
 	$(BIN)/python -m pytest -m slow -v -s
 
-bench: $(STAMP)-dev  ## cost of the kernels and of a step
-	$(BIN)/python -m benchmarks
+bench: $(STAMP)-bench  ## what the parts cost beside what others take: some minutes, into bench/
+	$(BIN)/python -m benchmarks --out bench --overwrite
 
 clean:
-	rm -rf $(VENV) demo
+	rm -rf $(VENV) demo bench

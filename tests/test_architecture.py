@@ -21,6 +21,7 @@ FLOORS = (
     ("calibration",),
     ("envs",),
     ("agents",),
+    ("benchmarks",),
     ("cli",),
 )
 LEVEL = {noun: level for level, nouns in enumerate(FLOORS) for noun in nouns}
@@ -34,7 +35,7 @@ HEAVY = {
     "matplotlib": (),
     "pygame": (),
     "imageio_ffmpeg": (),
-    "gymnasium": ("envs", "agents"),
+    "gymnasium": ("envs", "agents", "benchmarks"),
     "typer": ("cli",),
     "rich": ("cli",),
 }
@@ -124,7 +125,7 @@ def test_heavy_packages_are_imported_where_they_are_used(module):
 
 @pytest.mark.parametrize("module", INNER)
 def test_nobody_but_the_top_imports_the_top(module):
-    allowed = ("cli", "plots", "agents.evaluation", "agents.sb3")
+    allowed = ("cli", "plots", "agents.evaluation", "agents.sb3", "benchmarks")
     names = [name for name in imports_of(TREES[module], module, lazy=True) if floor_of(name)]
     used = {floor_of(name) for name in names} & set(IMPORTED_BY_THE_TOP_ONLY)
     if is_under(module, allowed):

@@ -26,7 +26,7 @@ from typing import NoReturn
 
 import typer
 
-from activeloc.cli import calibrate, envs, evaluate, export, localize, play, run, watch
+from activeloc.cli import bench, calibrate, envs, evaluate, export, localize, play, run, watch
 from activeloc.cli import map as map_command
 from activeloc.errors import ActiveLocError
 
@@ -38,6 +38,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+app.command("bench", help=bench.HELP)(bench.bench)
 app.command("calibrate", help=calibrate.HELP)(calibrate.calibrate)
 app.command("envs", help=envs.HELP)(envs.envs)
 app.command("evaluate", help=evaluate.HELP)(evaluate.evaluate)

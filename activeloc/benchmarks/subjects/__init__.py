@@ -1,0 +1,1 @@
+"""A module for each subject, with ``measure(settings)``: its rows and curves."""
