@@ -15,10 +15,12 @@ The twin reads the whole scan: where the novelty filter leaves beams out, it is 
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
 from activeloc.agents.imagination import Plan
+from activeloc.beliefs.particles import ParticleBelief
 from activeloc.envs.episodes import Knowledge
 
 
@@ -57,7 +59,11 @@ class GainMeter:
 def blind_entropy(knowledge: Knowledge, plan: Plan) -> float:
     """H(x' | commands): entropy of the belief when only the commands of a walk are known [nat]."""
     blind: Any = knowledge.belief.copy()
-    blind.config = replace(blind.config, odometry_floor=1.0)
+    if isinstance(blind, ParticleBelief):
+        blind.model = copy(blind.model)
+        blind.model.config = replace(blind.config, odometry_floor=1.0)
+    else:
+        blind.config = replace(blind.config, odometry_floor=1.0)
     for command, times in plan.walk:
         for _ in range(times):
             blind.predict(knowledge.robot, command, False)

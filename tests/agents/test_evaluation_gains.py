@@ -92,11 +92,12 @@ def test_an_obstacle_ends_a_walk_and_the_episode_s_end_drops_it():
 
 
 @pytest.mark.parametrize("command", [LEFT, AHEAD], ids=["turn", "drive"])
-def test_blind_is_the_filter_that_asks_nothing_of_the_odometry(command):
+@pytest.mark.parametrize("belief", [COARSE, PARTICLES], ids=["histogram", "particles"])
+def test_blind_is_the_filter_that_asks_nothing_of_the_odometry(belief, command):
     """No way is thought less likely for the wall on it; where there is no way, it is the filter."""
-    credulous = env_of({**COARSE, "odometry_floor": 1.0}).knowledge.belief
+    credulous = env_of({**belief, "odometry_floor": 1.0}).knowledge.belief
     credulous.predict(0, command, False)
-    knowledge = env_of().knowledge
+    knowledge = env_of(belief).knowledge
     blind = blind_entropy(knowledge, Plan(((command, 1),), 0.0))
     assert blind == pytest.approx(credulous.summarise(0).entropy, abs=1e-6)
     plain = knowledge.belief.copy()
