@@ -177,13 +177,13 @@ def tasks_of(recording: Recording, beliefs: Sequence[str], options: Any) -> list
 
 
 def play(tasks: Sequence[Task], options: Any) -> Iterator[Result]:
-    """Every task's result, in order; ``--workers`` processes at a time."""
+    """Every task's result, in order; ``--jobs`` processes at a time."""
     given = (str(options.log), options.map, options.set)
     # One thread a process: what the table says is the cost on one core.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     with ProcessPoolExecutor(
-        options.workers, mp_context=get_context("spawn"), initializer=_start, initargs=given
+        options.jobs, mp_context=get_context("spawn"), initializer=_start, initargs=given
     ) as pool:
         yield from pool.map(_run, tasks)
 
@@ -249,11 +249,11 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--within", type=int, default=500, help="starts are among so many scans")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--cuts", type=int, default=20)
-    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument("--out", type=Path, help="JSON of every run")
     options = parser.parse_args(arguments)
-    for name, least in {"starts": 0, "within": 1, "seeds": 0, "cuts": 0, "workers": 1}.items():
+    for name, least in {"starts": 0, "within": 1, "seeds": 0, "cuts": 0, "jobs": 1}.items():
         if getattr(options, name) < least:
             parser.error(f"--{name} must be at least {least}")
     return options

@@ -456,7 +456,7 @@ def test_a_sensor_without_a_sigma_cannot_be_sharpened():
     [
         ((99, 0, 1), "replicates must be an integer in"),
         ((100, 99, 1), "tracks must be an integer in"),
-        ((100, 0, 0), "workers must be an integer in"),
+        ((100, 0, 0), "jobs must be an integer in"),
         ((100, -1, 1), "tracks must be an integer in"),
     ],
 )

@@ -19,7 +19,7 @@ from activeloc.calibration.report import Report
 
 CHUNK = 25
 MAX_REPLICATES = 10_000_000
-MAX_WORKERS = 256
+MAX_JOBS = 256
 
 Task = tuple[str, int, int]
 Done = tuple[list[Outcome], float]
@@ -29,7 +29,7 @@ def calibrate(
     experiment: Experiment,
     replicates: int,
     tracks: int,
-    workers: int = 1,
+    jobs: int = 1,
     on_done: Callable[[str, int], None] = lambda start, n: None,
 ) -> Report:
     """Run an experiment.
@@ -38,7 +38,7 @@ def calibrate(
         experiment: What is replicated.
         replicates: How many start anywhere.
         tracks: How many start where the filter nearly knows; of these comes the NEES.
-        workers: Processes.
+        jobs: Processes.
         on_done: Called with the start and the number of replicates that have been finished.
 
     Raises:
@@ -48,7 +48,7 @@ def calibrate(
     checks.integer("replicates", replicates, 100, MAX_REPLICATES)
     if tracks != 0:
         checks.integer("tracks", tracks, 100, MAX_REPLICATES)
-    checks.integer("workers", workers, 1, MAX_WORKERS)
+    checks.integer("jobs", jobs, 1, MAX_JOBS)
     bench = Bench(experiment)
     bench.run(STARTS[0], 0)  # Every file of compiled kernels is there before workers look for it.
     wanted = dict(zip(STARTS, (replicates, tracks), strict=True))
@@ -59,7 +59,7 @@ def calibrate(
     ]
     parts: dict[Task, list[Outcome]] = {}
     seconds = 0.0
-    for task, (outcomes, spent) in _run_all(bench, tasks, workers):
+    for task, (outcomes, spent) in _run_all(bench, tasks, jobs):
         parts[task] = outcomes
         seconds += spent
         on_done(task[0], len(outcomes))
@@ -82,15 +82,15 @@ def _stacked(outcomes: list[Outcome]) -> Outcome:
     )
 
 
-def _run_all(bench: Bench, tasks: list[Task], workers: int) -> Iterator[tuple[Task, Done]]:
+def _run_all(bench: Bench, tasks: list[Task], jobs: int) -> Iterator[tuple[Task, Done]]:
     """Every task with its outcomes, in no order."""
-    if workers == 1:
+    if jobs == 1:
         for task in tasks:
             yield task, _timed(bench, task)
         return
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(
-        min(workers, len(tasks)), context, initializer=_set_up, initargs=(bench.experiment,)
+        min(jobs, len(tasks)), context, initializer=_set_up, initargs=(bench.experiment,)
     )
     try:
         futures: dict[Future[Done], Task] = {}

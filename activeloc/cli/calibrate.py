@@ -35,7 +35,7 @@ better), cubed (sum of cubed likelihoods), kept-weights (weights survive resampl
 
 \b
 The histogram filter in its own world, 20,000 replicates on 4 processes:
-  activeloc calibrate --replicates 20000 --workers 4 --out calibration
+  activeloc calibrate --replicates 20000 --jobs 4 --out calibration
 The particle filter; a defect; the filter as shipped:
   activeloc calibrate --belief particles --out calibration-particles
   activeloc calibrate --defect flipped --out calibration-flipped
@@ -116,7 +116,7 @@ def calibrate(
         typer.Option("--steps", help="Commands in a run; 8, 4 with particles.", metavar="T"),
     ] = None,
     seed: options.Seed = 0,
-    workers: Annotated[int, typer.Option("--workers", help="Processes.", metavar="W")] = 1,
+    jobs: Annotated[int, typer.Option("--jobs", help="Processes.", metavar="J")] = 1,
     defect: Annotated[
         str | None, typer.Option("--defect", help="Fault to plant.", metavar="NAME")
     ] = None,
@@ -134,7 +134,7 @@ def calibrate(
         belief, model, world, map_spec, steps, seed, defect, settings or []
     )
     with _progress(replicates, tracks) as on_done:
-        report = calibration.calibrate(experiment, replicates, tracks, workers, on_done)
+        report = calibration.calibrate(experiment, replicates, tracks, jobs, on_done)
     remarks = _write(report, out, shlex.join(["activeloc", *sys.argv[1:]]))
     _print(report, model, out)
     for remark in remarks:

@@ -120,7 +120,7 @@ REFUSED = {
     "replicates": (f"{FAST} --replicates 10 --out out", "replicates must be an integer in [100,"),
     "tracks": (f"{FAST} --tracks 5 --out out", "tracks must be an integer in [100,"),
     "steps": (f"{FEW} --steps 0 --out out", "steps must be an integer in [1,"),
-    "workers": (f"{FEW} --workers 0 --out out", "workers must be an integer in [1, 256]"),
+    "jobs": (f"{FEW} --jobs 0 --out out", "jobs must be an integer in [1, 256]"),
     "seed": (f"{FEW} --seed -1 --out out", "seed must be an integer in [0,"),
     "defect": (f"{FEW} --defect flippd --out out", "did you mean 'flipped'"),
     "defect-of-the-other": (f"{FEW} --defect kept-weights --out out", "the particle filter's"),
