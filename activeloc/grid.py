@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from activeloc.errors import MapError
+from activeloc.free_squares import free_squares
 
 MAX_CELLS = 25_000_000
 
@@ -97,6 +98,14 @@ class OccupancyGrid:
     def blocked(self) -> NDArray[np.bool_]:
         """``(H, W)``; true where a beam stops: occupied and unknown cells."""
         return ~self.free
+
+    @cached_property
+    def squares(self) -> NDArray[np.uint8]:
+        """``(4, H + 2, W + 2)``; how far a beam may leap (:mod:`activeloc.free_squares`) [cell].
+
+        Four bytes a cell of the map.
+        """
+        return free_squares(self.blocked)
 
     @cached_property
     def clearance(self) -> NDArray[np.float64]:

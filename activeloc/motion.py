@@ -22,6 +22,7 @@ from scipy import ndimage
 
 from activeloc import checks
 from activeloc.errors import ConfigError
+from activeloc.free_squares import free_squares
 from activeloc.grid import OccupancyGrid
 from activeloc.raycast import cast_ray
 
@@ -134,6 +135,11 @@ class Terrain:
         distance = ndimage.distance_transform_edt(np.pad(self.open, 1))[1:-1, 1:-1]
         return np.asarray(distance, dtype=np.float32)
 
+    @cached_property
+    def squares(self) -> NDArray[np.uint8]:
+        """``(4, H + 2, W + 2)``; see :func:`activeloc.free_squares.free_squares`, of open cells."""
+        return free_squares(self.blocked)
+
     @property
     def area(self) -> float:
         """Open area [m^2]."""
@@ -171,7 +177,7 @@ class Terrain:
 
 @njit(cache=True, nogil=True)
 def drive(
-    blocked: NDArray[np.bool_],
+    squares: NDArray[np.uint8],
     poses: NDArray[np.float64],
     motions: NDArray[np.float64],
     out: NDArray[np.float64],
@@ -180,7 +186,7 @@ def drive(
     """Rotate, travel until done or stopped by an obstacle, rotate. Lengths in cells.
 
     Args:
-        blocked: ``(H, W)``; where the robot's centre cannot be.
+        squares: ``(4, H + 2, W + 2)``; of the cells that are open to the robot's centre.
         poses: ``(N, 3)`` of column, row, heading.
         motions: ``(N, 3)`` of first rotation, translation (backwards if negative), second rotation.
         out: ``(N, 3)``, overwritten with the poses reached; headings are not wrapped.
@@ -192,7 +198,7 @@ def drive(
         wanted = abs(motions[i, 1])
         sign = 1.0 if motions[i, 1] >= 0.0 else -1.0
         dx, dy = sign * np.cos(heading), sign * np.sin(heading)
-        reach = cast_ray(blocked, x, y, dx, dy, wanted + 2.0 * MARGIN) - MARGIN
+        reach = cast_ray(squares, x, y, dx, dy, wanted + 2.0 * MARGIN) - MARGIN
         length = max(0.0, min(wanted, reach))
         out[i, 0] = x + length * dx
         out[i, 1] = y + length * dy
@@ -219,7 +225,7 @@ def move(
     per_cell = np.array([1.0, 1.0 / grid.resolution, 1.0])
     in_cells = np.column_stack([grid.to_cells(poses[:, :2]), poses[:, 2]])
     out, travelled = np.empty_like(in_cells), np.empty(len(poses))
-    drive(terrain.blocked, in_cells, motions * per_cell, out, travelled)
+    drive(terrain.squares, in_cells, motions * per_cell, out, travelled)
     reached = np.column_stack([grid.to_metres(out[:, :2]), wrap(out[:, 2])])
     carried_out = np.column_stack([motions[:, 0], travelled * grid.resolution, motions[:, 2]])
     return reached, carried_out

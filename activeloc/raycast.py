@@ -13,15 +13,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from activeloc.free_squares import LONGEST
 from activeloc.grid import OccupancyGrid
 
 EPS = 1e-9
-
-
-@njit(cache=True, nogil=True)
-def _stops(blocked: NDArray[np.bool_], row: int, col: int) -> bool:
-    """Whether a cell stops a beam; the grid's outside does."""
-    return not (0 <= row < blocked.shape[0] and 0 <= col < blocked.shape[1]) or blocked[row, col]
+NEAR = 1e-6  # Wider than EPS and all rounding.
 
 
 @njit(cache=True, nogil=True)
@@ -35,7 +31,7 @@ def _first_cell(start: float, direction: float) -> int:
 
 @njit(cache=True, nogil=True)
 def _cast_along_axis(
-    blocked: NDArray[np.bool_], across: float, start: float, step: int, by_row: bool
+    squares: NDArray[np.uint8], across: float, start: float, step: int, by_row: bool
 ) -> float:
     """Range of a beam parallel to an axis; on a grid line it touches the cells of both sides."""
     line = np.floor(across + 0.5)
@@ -44,25 +40,35 @@ def _cast_along_axis(
     else:
         first = last = int(np.floor(across))
     along = _first_cell(start, step)
-    while True:
+    height, width = squares.shape[1] - 2, squares.shape[2] - 2
+    length, lanes = (height, width) if by_row else (width, height)
+    if not (0 <= along < length and first >= 0 and last < lanes):
+        return max(0.0, (along - start) if step > 0 else (start - along - 1))
+    quadrant = 0 if step > 0 else 3
+    leap = 1
+    while leap > 0:
+        leap = LONGEST
         for lane in range(first, last + 1):
             row, col = (along, lane) if by_row else (lane, along)
-            if _stops(blocked, row, col):
-                return max(0.0, (along - start) if step > 0 else (start - along - 1))
-        along += step
+            leap = min(leap, int(squares[quadrant, row + 1, col + 1]))
+        along += leap * step
+    return max(0.0, (along - start) if step > 0 else (start - along - 1))
 
 
 @njit(cache=True, nogil=True)
 def cast_ray(
-    blocked: NDArray[np.bool_], x: float, y: float, dx: float, dy: float, z_max: float
+    squares: NDArray[np.uint8], x: float, y: float, dx: float, dy: float, z_max: float
 ) -> float:
     """Distance along one beam to the first blocked cell, or ``z_max``.
 
-    Visits each crossed cell once (Amanatides & Woo, "A fast voxel traversal algorithm for ray
-    tracing", 1987), and at a corner the three cells that meet the beam's own there.
+    The beam leaps from one free square to the next, and is followed cell by cell (Amanatides & Woo,
+    "A fast voxel traversal algorithm for ray tracing", 1987) where a leap would end within ``NEAR``
+    of a corner; there it meets three cells besides its own. Only the grid line that it ends at is
+    used for the range, so the leaps leave no trace in it.
 
     Args:
-        blocked: ``(H, W)``; row is ``floor(y)``, column is ``floor(x)``.
+        squares: ``(4, H + 2, W + 2)``; see :func:`activeloc.free_squares.free_squares`. The row is
+            ``floor(y)``, the column ``floor(x)``.
         x: Start, anywhere; outside the grid the range is 0.
         y: Start.
         dx: Unit heading along the columns.
@@ -70,55 +76,66 @@ def cast_ray(
         z_max: Longest range reported.
     """
     if abs(dx) < 1e-14:
-        return min(z_max, _cast_along_axis(blocked, x, y, 1 if dy > 0.0 else -1, True))
+        return min(z_max, _cast_along_axis(squares, x, y, 1 if dy > 0.0 else -1, True))
     if abs(dy) < 1e-14:
-        return min(z_max, _cast_along_axis(blocked, y, x, 1 if dx > 0.0 else -1, False))
+        return min(z_max, _cast_along_axis(squares, y, x, 1 if dx > 0.0 else -1, False))
     col, row = _first_cell(x, dx), _first_cell(y, dy)
-    if _stops(blocked, row, col):
+    if not (0 <= row < squares.shape[1] - 2 and 0 <= col < squares.shape[2] - 2):
         return 0.0
-    col_step = 1 if dx > 0.0 else -1
-    row_step = 1 if dy > 0.0 else -1
+    ahead = squares[(0 if dx > 0.0 else 1) + (0 if dy > 0.0 else 2)]
+    col_step, row_step = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
+    # From a cell's index to the grid line behind which it is entered.
+    col_line, row_line = (0 if dx > 0.0 else 1), (0 if dy > 0.0 else 1)
     per_col, per_row = 1.0 / dx, 1.0 / dy
-    # Ranges at which the beam next crosses a vertical and a horizontal grid line; the lines are
-    # counted, not the ranges added up, so no error accumulates along the way.
-    next_col = (col + (dx > 0.0) - x) * per_col
-    next_row = (row + (dy > 0.0) - y) * per_row
+    z, beyond = 0.0, z_max + NEAR  # At a corner the other line may be met a little sooner.
     while True:
-        if next_col < next_row - EPS:
-            z = next_col
-            col += col_step
-            if z >= z_max:
+        # Unsigned, for numba looks after negative indices.
+        side = int(ahead[np.uint64(row + 1), np.uint64(col + 1)])
+        if side == 0:
+            return min(z, z_max)
+        next_col, next_row = col + side * col_step, row + side * row_step
+        # Lines are counted, not ranges added up, so no error accumulates along the way.
+        z_col = (next_col + col_line - x) * per_col
+        z_row = (next_row + row_line - y) * per_row
+        # Two branches: the processor guesses better than it waits.
+        if z_col < z_row:
+            z = z_col
+            if z >= beyond:
                 return z_max
-            if _stops(blocked, row, col):
-                return z
-            next_col = (col + (dx > 0.0) - x) * per_col
-        elif next_row < next_col - EPS:
-            z = next_row
-            row += row_step
-            if z >= z_max:
-                return z_max
-            if _stops(blocked, row, col):
-                return z
-            next_row = (row + (dy > 0.0) - y) * per_row
+            beside = y + z * dy
+            cell = int(beside)
+            if NEAR < beside - cell < 1.0 - NEAR:
+                col, row = next_col, cell
+                continue
         else:
-            z = min(next_col, next_row)
-            if z >= z_max:
+            z = z_row
+            if z >= beyond:
                 return z_max
-            if (
-                _stops(blocked, row, col + col_step)
-                or _stops(blocked, row + row_step, col)
-                or _stops(blocked, row + row_step, col + col_step)
-            ):
-                return z
-            col += col_step
-            row += row_step
-            next_col = (col + (dx > 0.0) - x) * per_col
-            next_row = (row + (dy > 0.0) - y) * per_row
+            beside = x + z * dx
+            cell = int(beside)
+            if NEAR < beside - cell < 1.0 - NEAR:
+                col, row = cell, next_row
+                continue
+        next_col, next_row = col + col_step, row + row_step
+        z_col = (next_col + col_line - x) * per_col
+        z_row = (next_row + row_line - y) * per_row
+        z = min(z_col, z_row)
+        col_first, row_first = z_col < z_row - EPS, z_row < z_col - EPS
+        if (
+            not col_first
+            and not row_first
+            and (
+                ahead[np.uint64(row + 1), np.uint64(next_col + 1)] == 0
+                or ahead[np.uint64(next_row + 1), np.uint64(col + 1)] == 0
+            )
+        ):
+            return min(z, z_max)
+        col, row = col if row_first else next_col, row if col_first else next_row
 
 
 @njit(cache=True, nogil=True)
 def cast_beams(
-    blocked: NDArray[np.bool_],
+    squares: NDArray[np.uint8],
     poses: NDArray[np.float64],
     bearings: NDArray[np.float64],
     z_max: float,
@@ -127,18 +144,19 @@ def cast_beams(
     """Fill ``out[i, b]`` with the range of beam ``b`` from pose ``i``, all in cells.
 
     Args:
-        blocked: ``(H, W)``.
+        squares: ``(4, H + 2, W + 2)``; see :func:`cast_ray`.
         poses: ``(N, 3)`` of column, row (continuous) and heading [rad].
         bearings: ``(B,)`` of beam angles relative to the heading [rad].
         z_max: Longest range reported.
         out: ``(N, B)``, overwritten.
     """
+    cos, sin = np.cos(bearings), np.sin(bearings)
     for i in range(poses.shape[0]):
+        x, y = poses[i, 0], poses[i, 1]
+        ahead, aside = np.cos(poses[i, 2]), np.sin(poses[i, 2])
         for b in range(bearings.shape[0]):
-            angle = poses[i, 2] + bearings[b]
-            out[i, b] = cast_ray(
-                blocked, poses[i, 0], poses[i, 1], np.cos(angle), np.sin(angle), z_max
-            )
+            dx, dy = ahead * cos[b] - aside * sin[b], aside * cos[b] + ahead * sin[b]
+            out[i, b] = cast_ray(squares, x, y, dx, dy, z_max)
 
 
 def cast_scan(
@@ -157,7 +175,7 @@ def cast_scan(
     in_cells = np.column_stack([grid.to_cells(flat[:, :2]), flat[:, 2]])
     out = np.empty((len(flat), len(bearings)))
     bearings = np.ascontiguousarray(bearings, dtype=np.float64)
-    cast_beams(grid.blocked, in_cells, bearings, z_max / grid.resolution, out)
+    cast_beams(grid.squares, in_cells, bearings, z_max / grid.resolution, out)
     # Sensors compare with z_max, which (z_max / resolution) * resolution may miss by a rounding.
     out = np.where(out >= z_max / grid.resolution, z_max, out * grid.resolution)
     return out.reshape(*poses.shape[:-1], len(bearings))

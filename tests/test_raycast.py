@@ -14,8 +14,10 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from activeloc import raycast
+from activeloc.free_squares import free_squares
 from activeloc.grid import OccupancyGrid
-from activeloc.raycast import cast_ray, cast_scan
+from activeloc.raycast import cast_scan
 
 FAR = 1e3
 TOLERANCE = 1e-9  # [cell]
@@ -23,10 +25,13 @@ NARROW = 1e-6  # [cell]; obstacles grown and shrunk give ranges this close: the 
 ADVANCE = 1e-7  # [cell]; how far a beam that starts on a grid line is moved along
 
 
+def cast_ray(blocked, x, y, dx, dy, z_max):
+    return raycast.cast_ray(free_squares(blocked), x, y, dx, dy, z_max)
+
+
 def shoot(blocked, x, y, dx, dy, z_max=FAR):
-    return np.array(
-        [cast_ray(blocked, *beam, z_max) for beam in zip(x, y, dx, dy, strict=True)], dtype=float
-    )
+    squares, beams = free_squares(blocked), zip(x, y, dx, dy, strict=True)
+    return np.array([raycast.cast_ray(squares, *beam, z_max) for beam in beams], dtype=float)
 
 
 def at(blocked, x, y, degrees, z_max=FAR):

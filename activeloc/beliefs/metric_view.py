@@ -80,7 +80,7 @@ class Lookup:
         nearest = np.where(poses.is_open[closed], apart, np.inf).argmin(axis=1)
         places[closed] = others[np.arange(len(closed)), nearest]
         classes = np.empty((DIRECTIONS, len(places)), dtype=np.uint8)
-        classify(grid.blocked, grid.to_cells(places), z_max / grid.resolution, classes)
+        classify(grid.squares, grid.to_cells(places), z_max / grid.resolution, classes)
         self.seen = np.zeros((DIRECTIONS, *poses.shape), dtype=np.uint8)
         self.seen[:, row, col] = classes
 
@@ -131,7 +131,7 @@ class MetricView:
 
 @njit(cache=True, nogil=True)
 def classify(
-    blocked: NDArray[np.bool_],
+    squares: NDArray[np.uint8],
     places: NDArray[np.float64],
     reach: float,
     classes: NDArray[np.uint8],
@@ -139,7 +139,7 @@ def classify(
     """Class of the range from each place in each direction.
 
     Args:
-        blocked: ``(H, W)``.
+        squares: ``(4, H + 2, W + 2)``; see :func:`cast_ray`.
         places: ``(C, 2)`` of column and row [cell].
         reach: Longest range [cell].
         classes: ``(D, C)``, overwritten.
@@ -148,7 +148,7 @@ def classify(
         angle = 2.0 * np.pi * d / classes.shape[0]
         dx, dy = np.cos(angle), np.sin(angle)
         for c in range(places.shape[0]):
-            z = cast_ray(blocked, places[c, 0], places[c, 1], dx, dy, reach)
+            z = cast_ray(squares, places[c, 0], places[c, 1], dx, dy, reach)
             # A range on the edge of a class goes up in every like room.
             classes[d, c] = min(int(z / reach * (CLASSES - 1) + 1e-9), CLASSES - 1)
 

@@ -89,7 +89,7 @@ class MonteCarlo:
         if contact and self.config.contact_floor < 1.0:
             ground = cloud.ground
             kernels.touch(
-                ground.terrain.blocked, ground.terrain.room, ground.frame, cloud.poses,
+                ground.terrain.squares, ground.terrain.room, ground.frame, cloud.poses,
                 self.config.contact_reach, cloud.log_w, float(np.log(self.config.contact_floor)),
             )  # fmt: skip
             cloud.weights = None
@@ -101,7 +101,7 @@ class MonteCarlo:
         # A tenth of the way, or five centimetres, may be missing: the odometry is noisy too.
         slack = max(0.05, 0.1 * abs(float(u[1])))
         kernels.drive(
-            ground.terrain.blocked, ground.terrain.room, ground.frame, cloud.poses, u, sigma,
+            ground.terrain.squares, ground.terrain.room, ground.frame, cloud.poses, u, sigma,
             normals(cloud.rng, len(theta), 2), np.cos(theta), np.sin(theta), cloud.log_w, slack,
             float(np.log(self.config.odometry_floor)),
         )  # fmt: skip
@@ -119,7 +119,7 @@ class MonteCarlo:
         counts = (scan.readings >= 0) & (scan.weights > 0.0)
         read = law[scan.readings[counts]] * scan.weights[counts, None]
         kernels.weigh_by_table(
-            table.table, table.index, table.blocked, table.frame, table.reach, poses,
+            table.table, table.index, table.squares, table.frame, table.reach, poses,
             self.sensor.bearings[counts], read.astype(np.float32), log_w,
         )  # fmt: skip
 

@@ -80,7 +80,7 @@ def turn(
 
 @njit(cache=True, nogil=True)
 def free_way(
-    blocked: NDArray[np.bool_],
+    squares: NDArray[np.uint8],
     room: NDArray[np.float32],
     col: float,
     row: float,
@@ -92,13 +92,13 @@ def free_way(
     c, r = int(np.floor(col)), int(np.floor(row))
     if 0 <= r < room.shape[0] and 0 <= c < room.shape[1] and room[r, c] - SLACK > wanted:
         return wanted
-    reach = cast_ray(blocked, col, row, dx, dy, wanted + 2.0 * MARGIN) - MARGIN
+    reach = cast_ray(squares, col, row, dx, dy, wanted + 2.0 * MARGIN) - MARGIN
     return max(0.0, min(wanted, reach))
 
 
 @njit(cache=True, nogil=True)
 def drive(
-    blocked: NDArray[np.bool_],
+    squares: NDArray[np.uint8],
     room: NDArray[np.float32],
     frame: NDArray[np.float64],
     poses: NDArray[np.float64],
@@ -114,7 +114,7 @@ def drive(
     """Travel and turn every particle, in place; those that the map stops short lose weight.
 
     Args:
-        blocked: ``(H, W)``; where the robot's centre cannot be.
+        squares: ``(4, H + 2, W + 2)``; of the cells that are open to the robot's centre.
         room: ``(H, W)``; distance from a cell's centre to the nearest blocked one's [cell].
         frame: Of the map.
         poses: ``(N, 3)``; the first rotation has been made.
@@ -135,7 +135,7 @@ def drive(
         dx, dy = dx * scale, dy * scale
         col = (poses[i, 0] - frame[0]) * frame[2]
         row = (poses[i, 1] - frame[1]) * frame[2]
-        length = free_way(blocked, room, col, row, dx, dy, abs(wanted) * frame[2])
+        length = free_way(squares, room, col, row, dx, dy, abs(wanted) * frame[2])
         poses[i, 0] = frame[0] + (col + length * dx) / frame[2]
         poses[i, 1] = frame[1] + (row + length * dy) / frame[2]
         poses[i, 2] = _wrapped(poses[i, 2] + u[2] + sigma[2] * normals[i, 1])
@@ -145,7 +145,7 @@ def drive(
 
 @njit(cache=True, nogil=True)
 def touch(
-    blocked: NDArray[np.bool_],
+    squares: NDArray[np.uint8],
     room: NDArray[np.float32],
     frame: NDArray[np.float64],
     poses: NDArray[np.float64],
@@ -156,7 +156,7 @@ def touch(
     """Lower the log-weight of particles with nothing within ``reach`` [m] ahead, in place.
 
     Args:
-        blocked: ``(H, W)``; where the robot's centre cannot be.
+        squares: ``(4, H + 2, W + 2)``; of the cells that are open to the robot's centre.
         room: ``(H, W)``; see :func:`drive`.
         frame: Of the map.
         poses: ``(N, 3)``.
@@ -169,7 +169,7 @@ def touch(
         col = (poses[i, 0] - frame[0]) * frame[2]
         row = (poses[i, 1] - frame[1]) * frame[2]
         dx, dy = np.cos(poses[i, 2]), np.sin(poses[i, 2])
-        if free_way(blocked, room, col, row, dx, dy, wanted) >= wanted:
+        if free_way(squares, room, col, row, dx, dy, wanted) >= wanted:
             log_w[i] += log_floor
 
 
@@ -177,7 +177,7 @@ def touch(
 def weigh_by_table(
     table: NDArray[np.uint8],
     index: NDArray[np.int32],
-    blocked: NDArray[np.bool_],
+    squares: NDArray[np.uint8],
     frame: NDArray[np.float64],
     reach: float,
     poses: NDArray[np.float64],
@@ -190,7 +190,7 @@ def weigh_by_table(
     Args:
         table: ``(C, D)``; see :class:`activeloc.range_table.RangeTable` for these five.
         index: ``(H, W)``.
-        blocked: ``(H, W)``.
+        squares: ``(4, H + 2, W + 2)``; of the map.
         frame: ``(3,)``.
         reach: [cell].
         poses: ``(N, 3)``.
@@ -218,7 +218,7 @@ def weigh_by_table(
             level = table[cell, direction]
             if level == 0:
                 angle = 2.0 * np.pi * direction / n_directions
-                level = cast_level(blocked, row, col, angle, reach)
+                level = cast_level(squares, row, col, angle, reach)
                 table[cell, direction] = level
             total += log_p[b, level - 1]
         log_w[i] += total

@@ -61,7 +61,7 @@ def directions(bearings: NDArray[np.float64], bin_width: float) -> tuple[int, ND
 
 @njit(cache=True, nogil=True)
 def _count_ranges(
-    blocked: NDArray[np.bool_],
+    squares: NDArray[np.uint8],
     sub_poses: NDArray[np.float64],
     is_open: NDArray[np.bool_],
     angles: NDArray[np.float64],
@@ -72,7 +72,7 @@ def _count_ranges(
     """Count, for each cell and direction, the expected ranges of its rays by quantised range.
 
     Args:
-        blocked: ``(H, W)``.
+        squares: ``(4, H + 2, W + 2)``; see :func:`cast_ray`.
         sub_poses: ``(C, S, 2)`` of column and row [cell].
         is_open: ``(C, S)``.
         angles: ``(D, ANGLES)`` [rad].
@@ -89,7 +89,7 @@ def _count_ranges(
                     if is_open[c, s]:
                         x, y, z = sub_poses[c, s, 0], sub_poses[c, s, 1], z_max
                         for r in range(cone.shape[0]):
-                            z = cast_ray(blocked, x, y, dx[r], dy[r], z)
+                            z = cast_ray(squares, x, y, dx[r], dy[r], z)
                         # A range on the edge of a class (a wall met at 60 degrees) goes up in
                         # every like room, however its coordinates were rounded.
                         q = n_ranges if z >= z_max else int(z / z_max * n_ranges + 1e-9)
@@ -137,7 +137,7 @@ def _expected_range_rows(
         part = slice(start, start + CHUNK)
         counts = np.zeros((len(sub_poses[part]), len(angles), n_ranges + 1), dtype=np.int32)
         _count_ranges(
-            world.blocked,
+            world.squares,
             sub_poses[part],
             grid.is_open[part],
             angles,

@@ -32,7 +32,7 @@ _WEIGHTS = np.array([1.0, 4.0, 1.0]) / 6.0
 
 @njit(cache=True, nogil=True)
 def _fill_free(
-    blocked: NDArray[np.bool_],
+    squares: NDArray[np.uint8],
     sub_poses: NDArray[np.float64],
     is_open: NDArray[np.bool_],
     angles: NDArray[np.float64],
@@ -44,7 +44,7 @@ def _fill_free(
     A probe s is a sub-pose and a heading in the bin.
 
     Args:
-        blocked: ``(H, W)``; where the robot's centre cannot be.
+        squares: ``(4, H + 2, W + 2)``; of the cells that are open to the robot's centre.
         sub_poses: ``(C, S, 2)`` of column and row [cell].
         is_open: ``(C, S)``; closed sub-poses get 0.
         angles: ``(K, S)``; heading of each probe.
@@ -58,7 +58,7 @@ def _fill_free(
                 free[c, k, s] = 0
                 if is_open[c, s]:
                     x, y = sub_poses[c, s, 0], sub_poses[c, s, 1]
-                    z = cast_ray(blocked, x, y, dx, dy, 256.0 * unit) - MARGIN
+                    z = cast_ray(squares, x, y, dx, dy, 256.0 * unit) - MARGIN
                     free[c, k, s] = min(255, int(max(0.0, z) / unit))
 
 
@@ -291,7 +291,7 @@ class TravelTable:
         self.free = np.empty((len(grid.cells), *self._angles.shape), dtype=np.uint8)
         sub_poses = np.tile(world.to_cells(grid.sub_poses()), (1, len(TURNS), 1))
         unit = 1.0 / UNITS / world.resolution
-        _fill_free(grid.terrain.blocked, sub_poses, self._is_open, self._angles, unit, self.free)
+        _fill_free(grid.terrain.squares, sub_poses, self._is_open, self._angles, unit, self.free)
         near = (self.free < grid.cell_size * UNITS) & self._is_open[:, None, :]
         n_open = self._is_open.sum(axis=-1)[:, None]
         self.p_contact = (near.sum(axis=-1) / n_open).astype(np.float32)

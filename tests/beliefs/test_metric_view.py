@@ -69,7 +69,7 @@ def range_class(terrain, x, y, direction, z_max):
         start = places[np.where(is_open, apart, np.inf).argmin()]
     start = terrain.grid.to_cells(start)
     angle, reach = np.deg2rad(10 * direction), z_max / terrain.grid.resolution
-    z = cast_ray(terrain.grid.blocked, *start, np.cos(angle), np.sin(angle), reach)
+    z = cast_ray(terrain.grid.squares, *start, np.cos(angle), np.sin(angle), reach)
     return 7 if z >= reach else int(z / reach * 7 + 1e-9)
 
 

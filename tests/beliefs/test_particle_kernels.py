@@ -12,6 +12,7 @@ from scipy.stats import chi2, kstest
 from activeloc.beliefs import particle_kernels as kernels
 from activeloc.beliefs.cloud import NORMALS, normals, spread_poses
 from activeloc.beliefs.common_bins import CommonBins
+from activeloc.free_squares import free_squares
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import Terrain, move, wrap
 
@@ -43,7 +44,7 @@ def driven(terrain, poses, u, sigma, noise, slack=0.05, log_floor=-3.0):
     """Poses after :func:`kernels.drive`, and what it added to the log-weights."""
     poses, log_w, theta = poses.copy(), np.zeros(len(poses)), poses[:, 2].astype(np.float32)
     kernels.drive(
-        terrain.blocked, terrain.room, frame_of(terrain), poses, np.array(u), np.array(sigma),
+        terrain.squares, terrain.room, frame_of(terrain), poses, np.array(u), np.array(sigma),
         noise, np.cos(theta), np.sin(theta), log_w, slack, log_floor,
     )  # fmt: skip
     return poses, log_w
@@ -101,8 +102,8 @@ def test_where_there_is_room_the_way_is_free():
             room = float(terrain.room[int(row), int(col)])
             wanted = max(0.01, room + rng.uniform(-2.0, 0.5))
             dx, dy = np.cos(heading), np.sin(heading)
-            fast = kernels.free_way(terrain.blocked, terrain.room, col, row, dx, dy, wanted)
-            slow = kernels.free_way(terrain.blocked, shut, col, row, dx, dy, wanted)
+            fast = kernels.free_way(terrain.squares, terrain.room, col, row, dx, dy, wanted)
+            slow = kernels.free_way(terrain.squares, shut, col, row, dx, dy, wanted)
             assert fast == slow
             skipped += room - kernels.SLACK > wanted
     assert skipped > 300
@@ -114,10 +115,11 @@ def test_room_is_not_taken_for_more_than_it_is():
     for k in range(1, 400, 3):
         blocked = np.zeros((k + 2, k + 2), dtype=np.bool_)
         blocked[0, 0] = True
+        squares = free_squares(blocked)
         room = distance_transform_edt(~blocked).astype(np.float32)
         way = (k - 1) * np.sqrt(2.0)
         for wanted in (way - 1e-6, way, way + 1e-5, way + 1.0):
-            got = kernels.free_way(blocked, room, float(k), float(k), -half, -half, wanted)
+            got = kernels.free_way(squares, room, float(k), float(k), -half, -half, wanted)
             assert got <= max(0.0, way - 0.9e-6)
 
 
