@@ -5,9 +5,8 @@ import os
 import numpy as np
 import pytest
 
-from activeloc import logs
 from activeloc.errors import ConfigError, LogError
-from activeloc.logs import Recording, controls_between, read_log
+from activeloc.logs import Recording, carmen, controls_between, read_log
 from activeloc.motion import wrap
 
 TAIL = "{t} host {t}"
@@ -171,8 +170,8 @@ DAMAGED = {
     "latin-1": ([GOOD, "# höme".encode("latin-1")], ":2: not UTF-8 text"),
     "utf-16": ([GOOD.encode("utf-16")], ":1: not UTF-8 text"),
     "byte order mark": (["\ufeff" + GOOD], "unknown name"),
-    "giant line": ([GOOD, "FLASER " + "1 " * logs.MAX_LINE], ":2: line is longer than 131072"),
-    "giant line without end": ([b"#" * (logs.MAX_LINE + 5)], ":1: line is longer"),
+    "giant line": ([GOOD, "FLASER " + "1 " * carmen.MAX_LINE], ":2: line is longer than 131072"),
+    "giant line without end": ([b"#" * (carmen.MAX_LINE + 5)], ":1: line is longer"),
     "giant word": ([GOOD, "x" * 10_000], ":2: message: unknown name 'xxxx"),
 }
 
@@ -208,7 +207,7 @@ def test_a_pipe_is_refused_rather_than_waited_for(tmp_path):
 def test_a_huge_file_is_refused_unread(tmp_path):
     path = tmp_path / "huge.log"
     with path.open("wb") as file:
-        file.truncate(logs.MAX_BYTES + 1)
+        file.truncate(carmen.MAX_BYTES + 1)
     with pytest.raises(LogError, match=r"1073741825 bytes; at most 1073741824"):
         read_log(path)
 
