@@ -9,15 +9,8 @@ import numpy as np
 import pytest
 
 from activeloc.agents.lookahead import LookaheadAgent
-from activeloc.agents.maze_search import (
-    first_actions,
-    most,
-    optimum,
-    plan_all,
-    plan_values,
-    split,
-    steps_to_news,
-)
+from activeloc.agents.maze_parts import most, plan_all, split, steps_to_news
+from activeloc.agents.maze_search import first_actions, optimum, plan_values
 from activeloc.maps.maze import Maze
 from activeloc.sensors.depth import depths
 
