@@ -55,6 +55,7 @@ def alternate(
     budget: float,
     rounds: tuple[int, int] = (5, 41),
     clock: Callable[[], float] = time.thread_time,
+    warm_up: bool = True,
 ) -> dict[str, NDArray[np.float64]]:
     """Seconds of each call, round by round; each round has them all, in turns.
 
@@ -65,20 +66,22 @@ def alternate(
         budget: About how long all of it may take [s of the clock].
         rounds: Fewest and most rounds.
         clock: CPU time of the calling thread, or ``time.perf_counter`` for threads.
+        warm_up: Whether each is called once before.
 
     Returns:
         By name, ``(rounds,)``.
     """
-    times: dict[str, int] = {}
-    a_round = 0.0
+    first = {}
     for name, call in calls.items():
-        seconds_of(call, clock)
-        once = max(seconds_of(call, clock), 1e-8)
-        times[name] = max(1, int(np.ceil(SHORTEST / once)))
-        a_round += times[name] * once
+        if warm_up:
+            seconds_of(call, clock)
+        first[name] = max(seconds_of(call, clock), 1e-8)
+    times = {name: max(1, int(np.ceil(SHORTEST / once))) for name, once in first.items()}
+    a_round = sum(first[name] * times[name] for name in calls)
     n = int(np.clip(budget / a_round, *rounds))
-    seconds: dict[str, list[float]] = {name: [] for name in calls}
-    for _ in range(n):
+    # A round of calls that are long enough as they are has been made already.
+    seconds = {name: [once] if max(times.values()) == 1 else [] for name, once in first.items()}
+    while min(map(len, seconds.values())) < n:
         for name, call in calls.items():
             seconds[name].append(seconds_of(call, clock, times[name]))
     return {name: np.array(values) for name, values in seconds.items()}

@@ -67,6 +67,8 @@ def tables(report: Report) -> Iterator[str]:
         notes = dict.fromkeys(f"{row.name}: {row.note}." for row in rows if row.note)
         if notes:
             yield "\n" + " ".join(notes)
+    for what in report.absent:
+        yield f"\nNot measured: {what.subject}, {what.name}: {what.reason}."
 
 
 def to_markdown(report: Report) -> str:

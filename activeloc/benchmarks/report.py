@@ -154,6 +154,21 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True)
+class Absent:
+    """What was not measured.
+
+    Attributes:
+        subject: What it belongs to.
+        name: What it is.
+        reason: Why not.
+    """
+
+    subject: str
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class Report:
     """A run of the benchmarks.
 
@@ -162,6 +177,7 @@ class Report:
         settings: How it was run, by name.
         rows: In the order they were measured.
         curves: Likewise.
+        absent: What could not be measured here.
         seconds: Of each subject.
     """
 
@@ -169,6 +185,7 @@ class Report:
     settings: dict[str, Any]
     rows: list[Row] = field(default_factory=list)
     curves: list[Curve] = field(default_factory=list)
+    absent: list[Absent] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
 
     def plain(self) -> dict[str, Any]:
@@ -179,6 +196,7 @@ class Report:
             "settings": self.settings,
             "rows": [{**asdict(row), "is_met": row.is_met} for row in self.rows],
             "curves": [asdict(curve) for curve in self.curves],
+            "absent": [asdict(what) for what in self.absent],
             "seconds": self.seconds,
         }
 

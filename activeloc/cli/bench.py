@@ -43,7 +43,8 @@ def bench(
     subjects: Annotated[
         list[str] | None,
         typer.Argument(
-            help="rays, histogram, particles. [default: all]",
+            help="machine, rays, ranges, histogram, likelihood, particles, field, environments, "
+            "views, maps, planners, training, startup, memory. [default: all]",
             metavar="[SUBJECT]...",
             show_default=False,
         ),
@@ -99,7 +100,7 @@ def _measure(name: str, settings: Settings, report: Report, console: Console) ->
 
     from rich.console import Console as Screen
 
-    from activeloc.benchmarks import Row, measure
+    from activeloc.benchmarks import Curve, Row, measure
 
     begun, rows = time.perf_counter(), len(report.rows)
     with Screen(stderr=True).status(name) as status:
@@ -107,8 +108,11 @@ def _measure(name: str, settings: Settings, report: Report, console: Console) ->
             if isinstance(item, Row):
                 report.rows.append(item)
                 status.update(f"{name}: {item.name}")
-            else:
+            elif isinstance(item, Curve):
                 report.curves.append(item)
+            else:
+                report.absent.append(item)
+                console.print(f"\n{name}, {item.name}: {item.reason}")
     report.seconds[name] = round(time.perf_counter() - begun, 2)
     _print(name, report.rows[rows:], report.seconds[name], console)
 
