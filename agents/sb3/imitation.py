@@ -24,13 +24,9 @@ from torch.nn import functional
 
 from activeloc import checks
 from activeloc.agents import make_agent
-from activeloc.agents.commands import LEFT, RIGHT
+from activeloc.agents.sb3.batches import Batch, Floats, can_mirror, mirrored, shuffled
 from activeloc.agents.sb3.vec_env import NativeVecEnv, Observation
-from activeloc.beliefs.metric_view import BEARINGS
-from activeloc.envs.observations import SCALARS
 from activeloc.errors import ConfigError
-
-Floats = NDArray[np.float32]
 
 
 class Labeller(Protocol):
@@ -45,31 +41,6 @@ class Labeller(Protocol):
             starts: ``(B,)`` of bool: whose episode has just begun.
         """
         ...
-
-
-@dataclass(frozen=True)
-class Batch:
-    """Labelled observations.
-
-    Attributes:
-        observations: Each ``(N, ...)``.
-        values: ``(N, A)`` action values; their differences count.
-        weights: ``(N,)`` of each row in the loss.
-
-    Raises:
-        ConfigError: If lengths differ, or a row has no action that may be taken.
-    """
-
-    observations: Observation
-    values: Floats
-    weights: Floats
-
-    def __post_init__(self) -> None:
-        lengths = {len(part) for part in (*self.observations.values(), self.values, self.weights)}
-        if len(lengths) != 1 or self.values.ndim != 2:
-            raise ConfigError(f"a batch's parts must have one length; got {sorted(lengths)}")
-        if np.isnan(self.values).any() or not np.isfinite(self.values.max(axis=1)).all():
-            raise ConfigError("action values must not be NaN, and one in each row finite")
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,22 +223,6 @@ def _best(values: Floats, rng: np.random.Generator) -> NDArray[np.int64]:
     return (best * rng.random(values.shape)).argmax(axis=1)
 
 
-def shuffled(
-    held: Sequence[Batch], batch_size: int, epochs: int, rng: np.random.Generator
-) -> Iterator[Batch]:
-    """All rows in a new order for each epoch, cut into minibatches."""
-    keys = held[0].observations.keys() if held else ()
-    observations = {key: np.concatenate([b.observations[key] for b in held]) for key in keys}
-    values = np.concatenate([batch.values for batch in held])
-    weights = np.concatenate([batch.weights for batch in held])
-    for _ in range(epochs):
-        order = rng.permutation(len(values))
-        for start in range(0, len(order), batch_size):
-            rows = order[start : start + batch_size]
-            parts = {key: array[rows] for key, array in observations.items()}
-            yield Batch(parts, values[rows], weights[rows])
-
-
 def clone(
     policy: ActorCriticPolicy,
     batches: Iterable[Batch],
@@ -328,111 +283,3 @@ def soft_targets(values: Floats, tau: float) -> Floats:
     shifted = values.astype(np.float64) - values.max(axis=1, keepdims=True)
     odds = (shifted >= 0.0).astype(np.float64) if tau == 0.0 else np.exp(shifted / tau)
     return (odds / odds.sum(axis=1, keepdims=True)).astype(np.float32)
-
-
-# --- the value head
-
-
-def fit_values(
-    policy: ActorCriticPolicy,
-    env: NativeVecEnv,
-    n_steps: int,
-    gamma: float,
-    rng: np.random.Generator,
-    go_on: Callable[[], bool] = lambda: True,
-) -> float:
-    """Fit the value head, linear in the features, to the returns that the policy gets.
-
-    PPO's first advantages would otherwise be noise, and undo what was imitated.
-
-    Args:
-        policy: Acts, as drawn; the weights of its value head are changed.
-        env: Its robots begin new episodes.
-        n_steps: Of all robots together.
-        gamma: Discount.
-        rng: Source of the episodes' seeds.
-        go_on: Asked before each step.
-
-    Returns:
-        Share of the returns' variance that the head explains; NaN if no episode ended.
-    """
-    observations = env.begin(int(word) for word in rng.integers(2**62, size=env.num_envs))
-    features, rewards, dones = [], [], []
-    for _ in range(-(-n_steps // env.num_envs)):
-        if not go_on():
-            return np.nan
-        tensors, _ = policy.obs_to_tensor(observations)
-        with torch.no_grad():
-            latent = policy.mlp_extractor(policy.extract_features(tensors))[1]
-        features.append(latent.numpy())
-        env.step_async(policy.predict(observations, deterministic=False)[0])
-        observations, reward, done, _ = env.step_wait()
-        rewards.append(reward)
-        dones.append(done)
-    returns, ended = returns_to_go(np.array(rewards), np.array(dones, dtype=np.bool_), gamma)
-    if not ended.any():
-        return np.nan
-    x = np.array(features)[ended].astype(np.float64)
-    x = np.concatenate([x, np.ones((len(x), 1))], axis=1)
-    ridge = 1e-3 * len(x) * np.eye(x.shape[1])
-    head = np.linalg.solve(x.T @ x + ridge, x.T @ returns[ended])
-    with torch.no_grad():
-        policy.value_net.weight.copy_(torch.as_tensor(head[None, :-1]))
-        policy.value_net.bias.copy_(torch.as_tensor(head[-1:]))
-    return 1.0 - float(np.var(returns[ended] - x @ head)) / max(
-        float(np.var(returns[ended])), 1e-12
-    )
-
-
-def returns_to_go(
-    rewards: NDArray[Any], dones: NDArray[np.bool_], gamma: float
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Discounted sums of what is to come in each episode, and whether its end was seen.
-
-    Args:
-        rewards: ``(T, B)``.
-        dones: ``(T, B)``; the step was the last of its episode.
-        gamma: Discount.
-    """
-    returns, ended = np.zeros(rewards.shape), np.zeros(rewards.shape, dtype=np.bool_)
-    after, seen = np.zeros(rewards.shape[1]), np.zeros(rewards.shape[1], dtype=np.bool_)
-    for t in range(len(rewards) - 1, -1, -1):
-        after = rewards[t] + gamma * np.where(dones[t], 0.0, after)
-        seen = seen | dones[t]
-        returns[t], ended[t] = after, seen
-    return returns, ended
-
-
-# --- mirroring
-
-_METRIC = ("ways", "place", "scan", "scalars")
-
-
-def can_mirror(batch: Batch) -> bool:
-    """Whether a batch is of what is seen from the robot alone, with turns to both sides."""
-    extra = set(batch.observations) - {"view", "depth", "time", *_METRIC}
-    return "view" in batch.observations and not extra and batch.values.shape[1] >= 2
-
-
-def mirrored(batch: Batch) -> Batch:
-    """The same seen in a mirror: left and right are swapped, in the view and among the actions.
-
-    The view ``(N, 5, rows, cols)`` looks along its rows: columns go from left to right. Its planes
-    2 and 4 are for a robot turned to the left and to the right. On a metric map, bearings count
-    from ahead to the left, beams from right to left.
-    """
-    observations = dict(batch.observations)
-    if "ways" in observations:
-        other_side = -np.arange(BEARINGS) % BEARINGS
-        observations["ways"] = observations["ways"][:, :, other_side]
-        halves = observations["place"].reshape(-1, 2, BEARINGS)[:, :, other_side]
-        observations["place"] = halves.reshape(observations["place"].shape)
-        observations["scan"] = observations["scan"][:, ::-1]
-        turned = np.array([-1.0 if name == "turned" else 1.0 for name in SCALARS], dtype=np.float32)
-        observations["scalars"] = observations["scalars"] * turned
-    planes = observations["view"][:, [0, 1, 4, 3, 2]]
-    observations["view"] = planes[..., ::-1]
-    observations = {key: np.ascontiguousarray(part) for key, part in observations.items()}
-    order = np.arange(batch.values.shape[1])
-    order[[LEFT, RIGHT]] = RIGHT, LEFT
-    return Batch(observations, batch.values[:, order], batch.weights)

@@ -36,7 +36,7 @@ from activeloc.agents.sb3.checkpoint import (
 from activeloc.agents.sb3.configuration import HELD_OUT, TRAINING, TrainingConfig
 from activeloc.agents.sb3.hyperparameters import HELD_OUT as HELD_OUT_MAPS
 from activeloc.agents.sb3.hyperparameters import PPO, SETTINGS
-from activeloc.agents.sb3.imitation import fit_values, imitate, labels_of_agent
+from activeloc.agents.sb3.imitation import imitate, labels_of_agent
 from activeloc.agents.sb3.resuming import (
     Boundary,
     boundary_of,
@@ -45,6 +45,7 @@ from activeloc.agents.sb3.resuming import (
     state_of,
     weights_of,
 )
+from activeloc.agents.sb3.value_head import fit_values
 from activeloc.agents.sb3.vec_env import NativeVecEnv
 from activeloc.errors import CheckpointError, ConfigError
 

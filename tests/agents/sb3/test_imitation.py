@@ -11,22 +11,18 @@ from stable_baselines3 import PPO
 
 from activeloc.agents.commands import LEFT, RIGHT
 from activeloc.agents.sb3.algorithms import build_model, training_env
+from activeloc.agents.sb3.batches import Batch, can_mirror, mirrored, shuffled
 from activeloc.agents.sb3.imitation import (
-    Batch,
     ImitationConfig,
-    can_mirror,
     clone,
     cross_entropy,
-    fit_values,
     gather,
     imitate,
     labels_of_agent,
-    mirrored,
-    returns_to_go,
-    shuffled,
     soft_targets,
 )
 from activeloc.agents.sb3.training import train
+from activeloc.agents.sb3.value_head import fit_values, returns_to_go
 from activeloc.errors import ConfigError
 
 

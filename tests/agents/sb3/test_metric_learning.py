@@ -8,17 +8,11 @@ import pytest
 
 from activeloc.agents.onnx_policy import OnnxAgent
 from activeloc.agents.sb3.algorithms import build_model, training_env
+from activeloc.agents.sb3.batches import Batch, can_mirror, mirrored
 from activeloc.agents.sb3.configuration import TrainingConfig
 from activeloc.agents.sb3.export import onnx_of
 from activeloc.agents.sb3.features import keys_for
-from activeloc.agents.sb3.imitation import (
-    Batch,
-    ImitationConfig,
-    can_mirror,
-    gather,
-    labels_of_agent,
-    mirrored,
-)
+from activeloc.agents.sb3.imitation import ImitationConfig, gather, labels_of_agent
 from activeloc.agents.sb3.training import Keeper, Stop, held_out_evaluation
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig
 from activeloc.beliefs.metric_view import MetricView
