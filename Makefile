@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test coverage lint figures bench clean
+.PHONY: demo test coverage lint figures bench docs clean
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
@@ -45,5 +45,15 @@ figures: $(STAMP)-dev  ## the slow checks, at full sample size
 bench: $(STAMP)-bench  ## what the parts cost beside what others take: some minutes, into bench/
 	$(BIN)/python -m benchmarks --out bench --overwrite
 
+$(STAMP)-docs: $(VENV)/bin/python pyproject.toml constraints.txt
+	$(PIP) -e ".[docs]"
+	touch $@
+
+docs: $(STAMP)-docs  ## the site, in site/; a warning or a dead link is an error
+	$(BIN)/python docs/site/environments.py --text
+	$(BIN)/python docs/site/assemble.py build/site_source
+	PYTHONPATH=docs/site $(BIN)/zensical build --strict --clean
+	$(BIN)/python docs/site/check_links.py site
+
 clean:
-	rm -rf $(VENV) demo bench
+	rm -rf $(VENV) bench build demo site

@@ -369,27 +369,26 @@ def plot_surroundings(
 
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(13.0, 2.9), layout="constrained")
-    places = figure.add_gridspec(1, 5, width_ratios=(2.0, 1.0, 1.0, 1.0, 1.0))
-    world, free_way, news = (figure.add_subplot(places[i]) for i in range(3))
-    polar: list[Any] = [figure.add_subplot(places[i], projection="polar") for i in (3, 4)]
+    figure = Figure(figsize=(9.5, 6.0), layout="constrained")
+    places = figure.add_gridspec(2, 3, width_ratios=(1.0, 1.0, 1.0))
+    world = figure.add_subplot(places[0, :2])
+    free_way, news = figure.add_subplot(places[0, 2]), figure.add_subplot(places[1, 0])
+    polar: list[Any] = [figure.add_subplot(places[1, i], projection="polar") for i in (1, 2)]
     world.imshow(free, cmap="gray", vmin=-0.6, vmax=1.0, origin="lower", extent=extent)
     colours = [OKABE_ITO[1]] + [OKABE_ITO[0]] * (len(poses) - 1)
     world.quiver(
         *(poses[::-1, 0], poses[::-1, 1], np.cos(poses[::-1, 2]), np.sin(poses[::-1, 2])),
         color=colours[::-1], scale=30.0, width=0.006, pivot="mid",
     )  # fmt: skip
-    world.set_title(f"{len(poses) - 1} hypotheses, the truth orange", fontsize=9)
+    world.set_title(f"{len(poses) - 1} hypotheses, the truth orange")
+    world.set(xlabel="x [m]", ylabel="y [m]")
     half = 0.25 * np.shape(view)[1]
     planes = ((free_way, "P(free)", 0), (news, "spread of the range ahead", 1))
     for panel, name, number in planes:
         window = (-half, half) * 2
         image = panel.imshow(view[number], vmin=0.0, vmax=1.0, origin="lower", extent=window)
-        panel.plot(0, 0, marker="^", color="white", markeredgecolor="black", markersize=7)
-        panel.set_title(name, fontsize=9)
-    for panel in (world, free_way, news):
-        panel.set_xticks([])
-        panel.set_yticks([])
+        panel.plot(0, 0, marker="^", color="white", markeredgecolor="black", markersize=9)
+        panel.set(title=name, xlabel="to the right [m]", ylabel="ahead [m]")
     n_bearings, n_distances = np.shape(ways)[1:]
     angle = 2.0 * np.pi * (np.arange(n_bearings + 1) - 0.5) / n_bearings
     distance = np.maximum(0.5 * np.arange(n_distances + 1) - 0.25, 0.0)
@@ -397,10 +396,11 @@ def plot_surroundings(
     for panel, name, plane in zip(polar, titles, ways, strict=True):
         panel.set_theta_zero_location("N")
         panel.pcolormesh(angle, distance, np.asarray(plane).T, vmin=0.0, vmax=1.0)
-        panel.set_title(name, fontsize=9)
+        panel.set_title(name)
         panel.set_xticks([])
-        panel.set_yticks([])
-    figure.colorbar(image, ax=polar[-1], shrink=0.6)
+        panel.set_yticks([1.0, 2.0, 3.0], ["1", "2", "3 m"], color="white")
+        panel.grid(color="white", alpha=0.5)
+    figure.colorbar(image, ax=[free_way, *polar], shrink=0.5, label="0 to 1, in all")
     _save(figure, Path(path))
 
 
