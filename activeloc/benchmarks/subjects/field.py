@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import inf
 
 import numpy as np
 
@@ -23,7 +24,9 @@ def measure(settings: Settings) -> Iterator[Row]:
     grid = large_map(settings.maps)
     n = settings.size(2_000, 20)
     sensor = LikelihoodField(BEAMS, float(np.pi), Z_MAX, sigma_hit=0.2)
-    config = ParticleConfig(n_min=n, n_max=n, n_start=n, recovery="none", ess_ratio=1e-6)
+    config = ParticleConfig(
+        n_min=n, n_max=n, n_start=n, recovery="none", ess_ratio=1e-6, repetition=inf
+    )
     belief = ParticleBelief(1, config, sensor, MotionModel())
     poses = local_poses(grid, n)
     scan = cast_scan(grid, local_poses(grid, 1)[0], sensor.bearings, Z_MAX)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,8 @@ from activeloc.simulator import terrain_of
 TURN, DRIVE = np.array([np.pi / 6.0, 0.0, 0.0]), np.array([0.0, 0.5, 0.0])
 SIGMAS = ((0.1, 0.1), (0.3, 0.2), (0.6, 0.4), (1.2, 0.8), (2.4, 1.6), (5.0, 3.0))
 """Spread of a belief that is localized, less and less [m], [rad]."""
-SMALL = HistogramConfig(headings=24)
+SMALL = HistogramConfig(headings=24, repetition=inf)
+"""Every beam counts, also a second one in its sector."""
 TWELVE = BeamModel(beams=12, field_of_view=float(2.0 * np.pi * 11 / 12))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import inf
 
 import numpy as np
 
@@ -23,8 +24,8 @@ def measure(settings: Settings) -> Iterator[Row]:
     """A correction of a uniform belief, and of one that holds a hundredth of the cells."""
     spec = "rooms(width=6,height=6):0" if settings.quick else "office(rooms=14,corridors=6):0"
     grid = MapSource.parse(spec).number(0)
-    # The leak is left out: without it nothing is reckoned beside the likelihood.
-    config = HistogramConfig(headings=36, leak=0.0)
+    # Every beam counts; without a leak nothing is reckoned beside the likelihood.
+    config = HistogramConfig(headings=36, leak=0.0, repetition=inf)
     belief = HistogramBelief(1, config, TWELVE, MotionModel())
     pose = terrain_of(grid, 0.2).uniform_poses(np.full((1, 4), 0.3))[0]
     scan = cast_scan(grid, pose, TWELVE.bearings, TWELVE.z_max)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import inf
 
 import numpy as np
 
@@ -38,8 +39,11 @@ def measure(settings: Settings) -> Iterator[Row | Curve]:
 
 
 def update_of(grid: OccupancyGrid, n: int, sensor: BeamModel = SENSOR, **settings: object) -> Call:
-    """A whole update of n particles around a pose: there and back, the scan, the estimate."""
-    given = {"n_min": n, "n_max": n, "n_start": n, "recovery": "none"} | settings
+    """A whole update of n particles around a pose: there and back, the scan, the estimate.
+
+    Every beam counts, as in the yardstick.
+    """
+    given = {"n_min": n, "n_max": n, "n_start": n, "recovery": "none", "repetition": inf} | settings
     belief = ParticleBelief(1, ParticleConfig(**given), sensor, MotionModel())  # type: ignore[arg-type]
     poses = local_poses(grid, n)
     belief.reset(0, grid, np.random.default_rng(0), poses)
