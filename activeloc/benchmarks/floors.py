@@ -8,12 +8,26 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from activeloc.benchmarks.clock import alternate
+
 
 def copying(n_bytes: int) -> Callable[[], object]:
     """A copy that moves ``n_bytes``, half of them read and half written."""
     source = np.ones(max(1, n_bytes // 8), dtype=np.float32)
     target = np.empty_like(source)
     return lambda: np.copyto(target, source)
+
+
+def seconds_of_copy(n_bytes: float) -> float:
+    """Median of a few copies that move so many bytes."""
+    return float(np.median(alternate({"": copying(int(n_bytes))}, budget=0.02)[""]))
+
+
+def seconds_of_look_up(coherent: bool) -> float:
+    """Of one in a table that the last cache holds."""
+    n = 100_000
+    seconds = alternate({"": looking_up(2**23, n, coherent)}, budget=0.02)[""]
+    return float(np.median(seconds)) / n
 
 
 @njit(cache=True, nogil=True)

@@ -59,7 +59,7 @@ def tables(report: Report) -> Iterator[str]:
     yield f"{machine_line(report.machine)}."
     for subject in dict.fromkeys(row.subject for row in report.rows):
         rows = [row for row in report.rows if row.subject == subject]
-        yield f"\n### {subject}\n"
+        yield f"\n## {subject}\n"
         yield f"| {' | '.join(HEADINGS)} |"
         yield f"|{'---|' * len(HEADINGS)}"
         for row in rows:
@@ -71,6 +71,18 @@ def tables(report: Report) -> Iterator[str]:
         yield f"\nNot measured: {what.subject}, {what.name}: {what.reason}."
 
 
-def to_markdown(report: Report) -> str:
-    """The whole of it."""
-    return "\n".join(tables(report)) + "\n"
+def verdict(report: Report) -> str:
+    """How many targets are met."""
+    verdicts = [row.is_met for row in report.rows if row.is_met is not None]
+    return f"{sum(verdicts)} of {len(verdicts)} targets met"
+
+
+def to_markdown(report: Report, command: str) -> str:
+    """The whole of it.
+
+    Args:
+        report: What was measured.
+        command: With which it can be measured again.
+    """
+    lines = ["# What the parts cost", "", f"`{command}`: {verdict(report)}.", "", *tables(report)]
+    return "\n".join(lines) + "\n"

@@ -75,7 +75,7 @@ def bench(
 
     from activeloc.benchmarks import Settings, check_subjects, maps_from_environment
     from activeloc.benchmarks.machine import describe
-    from activeloc.benchmarks.markdown import machine_line
+    from activeloc.benchmarks.markdown import machine_line, verdict
     from activeloc.benchmarks.report import Report
     from activeloc.cli.outputs import check_folder
 
@@ -90,6 +90,7 @@ def bench(
     console.print(f"threads: {threads}; {'quick' if quick else 'full'} sizes")
     for name in names:
         _measure(name, settings, report, console)
+    console.print(f"\n{verdict(report)}")
     if out is not None:
         _write(report, out)
 
@@ -137,14 +138,17 @@ def _print(name: str, rows: Sequence[Row], seconds: float, console: Console) -> 
 
 def _write(report: Report, out: Path) -> None:
     """The files; without matplotlib there are no pictures."""
+    import shlex
+    import sys
     from importlib.util import find_spec
 
     from activeloc.benchmarks.markdown import to_markdown
     from activeloc.files import write_atomically
 
+    command = shlex.join(["activeloc", *sys.argv[1:]])
     out.mkdir(parents=True, exist_ok=True)
     write_atomically(out / NAMES[0], report.to_json())
-    write_atomically(out / NAMES[1], to_markdown(report).encode())
+    write_atomically(out / NAMES[1], to_markdown(report, command).encode())
     written = list(NAMES)
     if find_spec("matplotlib") is not None:
         from activeloc.benchmarks.figures import write_figures

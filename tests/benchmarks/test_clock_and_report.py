@@ -125,10 +125,11 @@ def test_numbers_that_are_none_are_not_written():
 
 
 def test_the_page_has_a_table_a_subject():
-    page = to_markdown(report()).splitlines()
+    page = to_markdown(report(), "activeloc bench").splitlines()
     assert "| a [ns] | 2 | 1.2 ... 2.8 | plain | 4 | 0.50 x | <= 0.75 x | yes |" in page
     assert "| b [rays/s] | 123,456 |  |  |  |  |  |  |" in page
     assert "b: said once." in page
+    assert "`activeloc bench`: 1 of 1 targets met." in page
 
 
 @pytest.mark.parametrize(

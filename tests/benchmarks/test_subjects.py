@@ -42,7 +42,7 @@ def test_the_command_writes_its_files(tmp_path, capsys, monkeypatch):
     absent = [row for row in plain["rows"] if row["yardstick"].startswith("amcl")]
     assert absent
     assert all(row["theirs"] is None and row["is_met"] is None for row in absent)
-    assert "### rays" in (out / "bench.md").read_text()
+    assert "## rays" in (out / "bench.md").read_text()
     with Image.open(out / "rays.png") as picture:
         assert picture.size[0] > 800
     assert main(["bench", "rays", "--quick", "--out", str(out)]) == 2

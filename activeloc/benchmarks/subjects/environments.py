@@ -21,6 +21,7 @@ from activeloc.benchmarks.yardsticks import active_perception, is_installed, nam
 from activeloc.envs.vector import LocalizationVectorEnv
 
 MAZE, METRIC = "activeloc/Maze21-v0", "activeloc/GlobalLocalization-v0"
+AXES = "environments", "environments", "steps a second"
 PATIENCE = 60.0
 """About the longest that one call for a curve may take [s]."""
 
@@ -94,18 +95,32 @@ def _mazes(settings: Settings) -> Iterator[Row | Curve | Absent]:
         )  # fmt: skip
     if len(threads) == 1 and settings.threads > 1:
         yield Absent("environments", "threads", "the vector environment takes no threads")
+    yield from _mazes_by_number(settings, episode)
+
+
+def _mazes_by_number(settings: Settings, episode: int) -> Iterator[Curve]:
+    """Steps a second of 1, 8, 64 and 512 mazes, by threads, and of copies of what is observed."""
     sizes = (1, 8, 64, 512)[: settings.size(4, 2)]
-    for count in threads:
+    axes = "mazes", "environments", "steps a second"
+    budget, rounds = settings.budget / 8, settings.rounds
+    for count in threads_of(settings):
         rates = []
         for size in sizes:
-            call = playing(make(MAZE, size, count, max_episode_steps=episode), steps)
-            budget, rounds = settings.budget / 8, settings.rounds
+            call = playing(make(MAZE, size, count, max_episode_steps=episode), episode + 1)
             took = alternate({"": call}, budget=budget, rounds=rounds, clock=clock_of(count))[""]
             rates.append(size * episode / float(np.median(took)))
-        yield Curve(
-            "environments", "environments", "steps a second", f"Maze21, {_threads(count)}",
-            sizes, tuple(rates),
-        )  # fmt: skip
+        yield Curve(*axes, f"Maze21, {_threads(count)}", sizes, tuple(rates))
+    floor = []
+    for size in sizes:
+        copy = copying_of(make(MAZE, size, 1))
+        floor.append(size / float(np.median(alternate({"": copy}, budget=budget)[""])))
+    yield Curve(*axes, "copies of the observations", sizes, tuple(floor), "floor")
+
+
+def copying_of(env: Any) -> Callable[[], object]:
+    """A copy of the observations of all environments: the least that a step does."""
+    arrays = list(env.reset(seed=0)[0].values())
+    return lambda: [array.copy() for array in arrays]
 
 
 def _metric(settings: Settings) -> Iterator[Row | Curve]:
@@ -129,10 +144,13 @@ def _metric(settings: Settings) -> Iterator[Row | Curve]:
     for belief, given, target in beliefs:
         for size, wanted in ((8, target), (n, target)):
             yield _against_ap_gym(settings, rooms, belief, size, steps, given, wanted)
-    if rooms is not None:
-        rooms.close()
     for belief, given, _ in beliefs:
         yield from _by_number(settings, belief, steps, given)
+    if rooms is not None:
+        call, theirs = rooms.stepping(settings.size(100, 5)), settings.size(100, 5)
+        rate = 8 * theirs / float(np.median(alternate({"": call}, budget=1.0, rounds=(1, 5))[""]))
+        yield Curve(*AXES, "ap-gym, 8 envs", (1, 512), (rate, rate), "yardstick")
+        rooms.close()
 
 
 def _against_ap_gym(
@@ -177,9 +195,7 @@ def _by_number(
             rates.append(size * steps / float(np.median(took)))
             name = f"default task, {belief}, {size} envs, {_threads(count)}, alone"
             yield Row.of("environments", name, "steps/s", size * steps / took)
-        label = f"{belief}, {_threads(count)}"
-        x = sizes[: len(rates)]
-        yield Curve("environments", "environments", "steps a second", label, x, tuple(rates))
+        yield Curve(*AXES, f"{belief}, {_threads(count)}", sizes[: len(rates)], tuple(rates))
 
 
 def _threads(count: int) -> str:

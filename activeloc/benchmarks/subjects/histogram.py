@@ -13,6 +13,7 @@ from activeloc.beliefs.grid_tables import tables_of
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig
 from activeloc.benchmarks.clock import Call, Prepared, alternate
 from activeloc.benchmarks.dense import DenseStep
+from activeloc.benchmarks.floors import seconds_of_copy
 from activeloc.benchmarks.report import Curve, Row, at_most, ratio_at_most
 from activeloc.benchmarks.settings import Settings
 from activeloc.benchmarks.worlds import open_ground
@@ -26,6 +27,8 @@ from activeloc.simulator import terrain_of
 TURN, DRIVE = np.array([np.pi / 6.0, 0.0, 0.0]), np.array([0.0, 0.5, 0.0])
 SIGMAS = ((0.1, 0.1), (0.3, 0.2), (0.6, 0.4), (1.2, 0.8), (2.4, 1.6), (5.0, 3.0))
 """Spread of a belief that is localized, less and less [m], [rad]."""
+BYTES = 8
+"""Of a float32 that is read and written."""
 SMALL = HistogramConfig(headings=24, repetition=inf)
 """Every beam counts, also a second one in its sector."""
 TWELVE = BeamModel(beams=12, field_of_view=float(2.0 * np.pi * 11 / 12))
@@ -130,6 +133,9 @@ def _steps(
     x, y = (*shares, 1.0), (*costs, float(np.median(seconds["dense, drive"])))
     labels = "share of the cells alive", "a whole step [ms]"
     yield Curve("alive", *labels, name, x, tuple(1e3 * v for v in y))
+    ends = (min(x), 1.0)
+    y = tuple(1e3 * seconds_of_copy(BYTES * states * share) for share in ends)
+    yield Curve("alive", *labels, f"{name}: read and written once", ends, y, "floor")
 
 
 def _by_cells(settings: Settings) -> Iterator[Curve]:
@@ -143,6 +149,7 @@ def _by_cells(settings: Settings) -> Iterator[Curve]:
         walker.put(None)
         states.append(float(walker.belief.probabilities(0).size))
         costs.append(1e3 * float(np.median(seconds["step"])))
-    yield Curve(
-        "states", "states", "a whole step, dense [ms]", "histogram", tuple(states), tuple(costs)
-    )
+    axes = "states", "states", "a whole step, dense [ms]"
+    yield Curve(*axes, "histogram", tuple(states), tuple(costs))
+    floor = tuple(1e3 * seconds_of_copy(BYTES * n) for n in states)
+    yield Curve(*axes, "read and written once", tuple(states), floor, "floor")

@@ -18,6 +18,7 @@ from activeloc.benchmarks.settings import Settings
 from activeloc.envs.localization import LocalizationEnv
 from activeloc.range_table import RangeTable
 
+MAZE, METRIC = "activeloc/Maze21-v0", "activeloc/GlobalLocalization-v0"
 STATUS = Path("/proc/self/statm")
 
 
@@ -52,28 +53,50 @@ def bytes_of(value: object) -> int:
 
 
 def measure(settings: Settings) -> Iterator[Row | Absent]:
-    """A million steps in mazes; the tables of the default office."""
+    """A million steps in mazes; a map's tables; what each environment holds of its own."""
     if STATUS.is_file():
         yield _growth(settings)
     else:
         yield Absent("memory", "growth", f"there is no {STATUS} on this system")
-    env = LocalizationEnv(map="rooms(width=6,height=6):0" if settings.quick else "office:0")
+    office = "rooms(width=6,height=6):0" if settings.quick else "office:0"
+    yield from _tables(office)
+    for name, env_id, given in (
+        ("an environment, Maze21", MAZE, {}),
+        ("an environment, default task, histogram", METRIC, {"map": office}),
+        ("an environment, default task, particles", METRIC, {"map": office, "belief": "particles"}),
+    ):
+        held = [_held(env_id, n, given) for n in (1, 3)]
+        yield Row.of("memory", name, "kB", 1e-3 * (held[1] - held[0]) / 2)
+
+
+def _tables(office: str) -> Iterator[Row]:
+    """What robots on one map share."""
+    env = LocalizationEnv(map=office)
     env.reset(seed=0)
     config: Any = env.config
     grid = env.grid
     tables = tables_of(grid, HistogramConfig(), config.sensor, config.motion)
     env.step(2)  # Which makes the travel's transition.
     note = f"{tables.uniform.size:,} states of {grid.name}, {grid.shape[0]} x {grid.shape[1]} cells"
-    yield Row.of("memory", "tables of a map, histogram", "MB", 1e-6 * bytes_of(tables), note=note)
+    held = 1e-6 * bytes_of(tables)
+    yield Row.of("memory", "tables of a map, histogram", "MB", held, note=note)
     ranges = RangeTable(grid, config.sensor.z_max, ParticleConfig().directions)
     note = "pages are taken as they are filled"
     yield Row.of("memory", "table of ranges", "MB", 1e-6 * bytes_of(ranges), note=note)
 
 
+def _held(env_id: str, n: int, given: dict[str, Any]) -> int:
+    """Bytes of a vector environment that has made a step."""
+    env: Any = gym.make_vec(env_id, num_envs=n, **given)
+    env.reset(seed=0)
+    env.step(np.full(n, 2))
+    return bytes_of(env.unwrapped)
+
+
 def _growth(settings: Settings) -> Row:
     """Resident bytes that steps in new mazes add, after as many as a tenth of them."""
     n, steps = 64, settings.size(15_625, 40)
-    mazes: Any = gym.make_vec("activeloc/Maze21-v0", num_envs=n)
+    mazes: Any = gym.make_vec(MAZE, num_envs=n)
     mazes.reset(seed=0)
     actions = np.random.default_rng(0).integers(0, 3, (64, n))
     before = 0

@@ -10,6 +10,7 @@ import numpy as np
 from activeloc.beliefs.particles import ParticleBelief, ParticleConfig
 from activeloc.beliefs.resampling import systematic
 from activeloc.benchmarks.clock import Call, alternate
+from activeloc.benchmarks.floors import seconds_of_look_up
 from activeloc.benchmarks.report import Curve, Row, at_most, ratio_at_least
 from activeloc.benchmarks.settings import Settings
 from activeloc.benchmarks.worlds import Z_MAX, bearings, large_map, local_poses
@@ -103,7 +104,11 @@ def _by_size(settings: Settings, grid: OccupancyGrid) -> Iterator[Curve]:
         np.median(alternate({"": c}, budget=budget, rounds=rounds)[""]) for c in calls.values()
     ]
     y = tuple(1e3 * float(cost) for cost in costs)
-    yield Curve("particles", "particles", "an update [ms]", f"{BEAMS} beams", sizes, y)
+    axes = "particles", "particles", "an update [ms]"
+    yield Curve(*axes, f"{BEAMS} beams", sizes, y)
+    look_up = 1e3 * seconds_of_look_up(coherent=False)
+    floor = tuple(look_up * n * BEAMS for n in sizes)
+    yield Curve(*axes, "a look-up a beam", sizes, floor, "floor")
     beams = (3, 12, 60, 180)[: settings.size(4, 2)]
     n = settings.size(2_000, 100)
     for directions, label in ((128, "table of ranges"), (0, "exact rays")):
@@ -113,3 +118,7 @@ def _by_size(settings: Settings, grid: OccupancyGrid) -> Iterator[Curve]:
             call = update_of(grid, n, fan, directions=directions)
             y_beams.append(1e3 * np.median(alternate({"": call}, budget=budget, rounds=rounds)[""]))
         yield Curve("beams", "beams", f"an update of {n:,} [ms]", label, beams, tuple(y_beams))
+    floor = tuple(look_up * n * count for count in beams)
+    yield Curve(
+        "beams", "beams", f"an update of {n:,} [ms]", "a look-up a beam", beams, floor, "floor"
+    )

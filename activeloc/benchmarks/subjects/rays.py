@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeloc.benchmarks.clock import Call, alternate
+from activeloc.benchmarks.floors import seconds_of_look_up
 from activeloc.benchmarks.report import Curve, Row, at_most, ratio_at_most
 from activeloc.benchmarks.settings import Settings
 from activeloc.benchmarks.worlds import Z_MAX, bearings, free_poses, large_map, local_poses
@@ -79,6 +80,8 @@ def _by_length(settings: Settings, grid: OccupancyGrid) -> Iterator[Curve]:
     axes = "rays", "longest range [m]", "a ray [ns]"
     yield Curve(*axes, "exact rays", lengths, tuple(costs["ours"]))
     yield Curve(*axes, PLAIN, lengths, tuple(costs[PLAIN]), "yardstick")
+    floor = 1e9 * seconds_of_look_up(coherent=False)
+    yield Curve(*axes, "a look-up of one number", lengths, (floor,) * len(lengths), "floor")
 
 
 def _wrong(settings: Settings, grid: OccupancyGrid) -> Row:
