@@ -31,6 +31,7 @@ Belief = Annotated[str, typer.Option("--belief", help="histogram or particles.",
 Seed = Annotated[
     int, typer.Option("--seed", help="All chance follows from it, 0 to 2^63 - 1.", metavar="S")
 ]
+Episode = Annotated[int, typer.Option("--episode", help="Which episode of the seed.", metavar="I")]
 Steps = Annotated[
     int | None,
     typer.Option("--steps", help="Limit of an episode [steps]; the id's own if not given."),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -51,9 +52,7 @@ def watch(
     map_spec: options.MapIfGiven = None,
     belief: options.Belief = "histogram",
     seed: options.Seed = 0,
-    episode: Annotated[
-        int, typer.Option("--episode", help="Which episode of the seed.", metavar="I")
-    ] = 0,
+    episode: options.Episode = 0,
     steps: options.Steps = None,
     settings: options.Settings = None,
     fps: Annotated[
@@ -69,23 +68,59 @@ def watch(
     ] = None,
 ) -> None:
     """Play an episode with each agent, and write what happened."""
+    show(agent or [], out, env, map_spec, belief, seed, episode, steps, settings, fps, size)
+
+
+def show(
+    agents: Sequence[str],
+    out: Path | None,
+    env: str,
+    map_spec: str | None,
+    belief: str,
+    seed: int,
+    episode: int,
+    steps: int | None,
+    settings: Sequence[str] | None,
+    fps: float = FPS,
+    size: int | None = None,
+) -> None:
+    """Play an episode with each agent, say how it ended and, if there is a file, write it there.
+
+    Raises:
+        ActiveLocError: If one of the options is refused; before anything is played.
+        OSError: If the file cannot be written.
+    """
     from activeloc import checks
     from activeloc.agents.evaluation import Player
-    from activeloc.cli.run import result_line
 
-    names = _names(agent or [options.default_agents(env).split(",")[-1]])
+    names = _names(agents or [options.default_agents(env).split(",")[-1]])
     size = (600 if len(names) == 1 else 480) if size is None else size
     checks.integer("episode", episode, 0, 1_000_000)
     checks.number("fps", fps, 0.0, 50.0, above_low=True)
     checks.integer("size", size, 300, 4000)
-    check_film(out)
+    if out is not None:
+        check_film(out)
     sweep = options.make_sweep(env, map_spec, belief, names, settings or [], seed, steps)
-    played = _play(Player(sweep), names, episode)
-    about = f"{sweep.env}, {belief} belief, seed {seed}, episode {episode}"
-    write([recording for _, recording in played], out, fps, size, about)
-    for record, _ in played:
+    records, recordings = _play(Player(sweep), names, episode, out is not None)
+    if out is not None:
+        about = f"{sweep.env}, {belief} belief, seed {seed}, episode {episode}"
+        write(recordings, out, fps, size, about)
+    for record in records:
         print(result_line(record))
-    print(f"{out}: {out.stat().st_size / 1e6:.2f} MB")
+    if out is not None:
+        print(f"{out}: {out.stat().st_size / 1e6:.2f} MB")
+
+
+def result_line(record: Record) -> str:
+    """How an episode ended, in one line."""
+    end = "wrong and sure" if record.wrong else "not localized"
+    if record.success:
+        end = "localized"
+    return (
+        f"{record.agent} on {record.map}: {end} after {record.played} steps, entropy "
+        f"{record.final_entropy:.2f} nat, error {record.error_m:.2f} m and "
+        f"{degrees(record.error_rad):.0f} deg"
+    )
 
 
 def check_film(out: Path) -> None:
@@ -133,20 +168,30 @@ def _names(agents: Sequence[str]) -> list[str]:
     return list(agents)
 
 
-def _play(player: Player, agents: Sequence[str], episode: int) -> list[tuple[Record, Recording]]:
-    """Play with a line of progress on standard error."""
+def _play(
+    player: Player, agents: Sequence[str], episode: int, keep: bool
+) -> tuple[list[Record], list[Recording]]:
+    """Play with a line of progress on standard error; recordings only if they are to be kept."""
     from rich.console import Console
 
     console = Console(stderr=True)
+    records, recordings = [], []
     with console.status("starting") as status:
-        played = []
         for name in agents:
 
             def tell(
                 env: LocalizationEnv, step: int, info: dict[str, Any], who: str = name
             ) -> None:
-                status.update(f"{who}: step {step}, entropy {info['entropy']:.2f} nat")
+                status.update(
+                    f"{who}: step {step}, entropy {info['entropy']:.2f} nat, "
+                    f"{info['mass']:.0%} near the estimate"
+                )
 
-            played.append(player.record(name, episode, tell))
+            if keep:
+                record, recording = player.record(name, episode, tell)
+                recordings.append(recording)
+            else:
+                record = player.play(name, episode, tell)
+            records.append(record)
         status.update("writing")
-    return played
+    return records, recordings

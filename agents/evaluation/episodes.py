@@ -46,16 +46,14 @@ class Player:
 
     Args:
         sweep: What may be played.
-        render_mode: Of the environment.
     """
 
-    def __init__(self, sweep: Sweep, render_mode: str | None = None) -> None:
+    def __init__(self, sweep: Sweep) -> None:
         self.sweep = sweep
         self.env: gym.Env[Any, Any] = gym.make(
             sweep.env,
             max_episode_steps=sweep.limit,
             disable_env_checker=True,
-            render_mode=render_mode,
             **{**sweep.settings, "map": sweep.map},
         )
         self.agents = {name: sweep.agent(name) for name in sweep.agents}

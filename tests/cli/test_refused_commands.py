@@ -94,7 +94,7 @@ COMMANDS = {
     "out-damaged": (f"evaluate --map hut.txt {FAST} --out damaged", "line 1 is damaged"),
     "run-unknown-agent": ("run --agent spni --map hut.txt", "did you mean 'spin'"),
     "run-episode": ("run --map hut.txt --episode -1", "episode must be an integer"),
-    "run-suffix": ("run --map hut.txt --out film.mp4", "must end in .gif"),
+    "run-suffix": ("run --map hut.txt --out film.avi", "must end in .gif"),
     "run-no-suffix": ("run --map hut.txt --out film", "must end in .gif"),
     "run-out-folder": ("run --map hut.txt --out film.gif", "is a folder"),
     "run-out-nowhere": ("run --map hut.txt --out nowhere/f.gif", "there is no folder nowhere"),
