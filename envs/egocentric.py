@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeloc import checks
-from activeloc.beliefs.egocentric import PLANES, EgocentricView
-from activeloc.beliefs.lattice import LatticeBelief
+from activeloc.beliefs.egocentric import PLANES
 
 FAR = 19
 """A depth of this many cells, the longest of a 21 x 21 maze, is shown as 1; so are longer ones."""
@@ -65,18 +64,18 @@ class MazeObservation:
 
 
 def observe_mazes(
-    belief: LatticeBelief,
+    planes: NDArray[np.float32],
     maps: NDArray[np.float32],
-    view: EgocentricView | None,
+    view: NDArray[np.float32] | None,
     reading: NDArray[np.int32],
     steps: NDArray[np.int64] | None,
 ) -> dict[str, NDArray[Any]]:
-    """The observations of a batch: new arrays of float32 with a leading axis of B.
+    """The observations of a batch: arrays of float32 with a leading axis of B, new but the first.
 
     Args:
-        belief: Of the robots.
+        planes: ``(B, 4, m, m)``; p / max p.
         maps: ``(B, m, m)``; 1 where a cell is free.
-        view: Draws the egocentric view; None to leave it out.
+        view: ``(B, 5, 2 r + 1, 2 r + 1)``; the egocentric view; None to leave it out.
         reading: ``(B,)``; last depths read, less one.
         steps: ``(B,)``; steps taken; None to leave the clock out.
 
@@ -86,14 +85,14 @@ def observe_mazes(
         steps / 100, at most 1. ``view`` ``(B, 5, 2 r + 1, 2 r + 1)``.
     """
     observation = {
-        "belief": belief.planes(),
+        "belief": planes,
         "map": maps.copy(),
         "depth": _share(reading[:, None] + 1, FAR),
     }
     if steps is not None:
         observation["time"] = _share(steps[:, None], LONG)
     if view is not None:
-        observation["view"] = view.draw()
+        observation["view"] = view.copy()
     return observation
 
 

@@ -7,7 +7,7 @@ reward, observation.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -30,6 +30,7 @@ from activeloc.grid import OccupancyGrid
 from activeloc.maps import MapSource
 from activeloc.motion import MotionModel
 from activeloc.sensors import BeamModel, LikelihoodField, ProximityModel, RangeSensor, Sonar
+from activeloc.sharing import Pool
 from activeloc.simulator import Simulator, checked_pose
 
 SENSORS = {
@@ -192,11 +193,13 @@ class Episodes:
     Args:
         config: What to play.
         n_robots: B.
+        threads: That share the work.
     """
 
-    def __init__(self, config: EpisodeConfig, n_robots: int) -> None:
+    def __init__(self, config: EpisodeConfig, n_robots: int, threads: int = 1) -> None:
         self.config = config
         self.n_robots = n_robots
+        self._pool = Pool(threads)
         self.filter_sensor = config.filter_sensor or config.sensor
         # Nobody tells the filter or a planner that the odometry blunders.
         self.filter_motion = config.filter_motion or replace(config.motion, blunder=0.0)
@@ -486,3 +489,79 @@ class Episodes:
             "false_alarm": watch.false_alarm,
             **{f"reward_{name}": value for name, value in terms.items()},
         }
+
+    # --- all robots at once
+
+    @property
+    def steps(self) -> NDArray[np.int64]:
+        """Taken in each robot's episode ``(B,)``."""
+        return np.array([self.episode(i).step for i in range(self.n_robots)])
+
+    def demand_started(self, robots: NDArray[np.bool_]) -> None:
+        """Refuse to go on while one of some robots ``(B,)`` has no episode.
+
+        Raises:
+            ActionError: With the first that has none.
+        """
+        for robot in np.flatnonzero(robots):
+            self.episode(int(robot))
+
+    def checked_actions(self, actions: object) -> Any:
+        """Actions, one for each robot.
+
+        Raises:
+            ActionError: If there are more or fewer, or one is not in the space.
+        """
+        try:
+            array = np.asarray(actions)
+        except ValueError:
+            array = np.array("ragged")
+        if array.ndim == 0 or len(array) != self.n_robots:
+            raise ActionError(f"actions must be {self.n_robots}, one a robot; got {actions!r}")
+        given = list(array)
+        for robot, action in enumerate(given):
+            self.episode(robot)
+            self.config.actions.command(action)
+        return given
+
+    def reset_some(
+        self,
+        robots: NDArray[np.intp],
+        rngs: Sequence[np.random.Generator],
+        options: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Start the next episodes of some robots ``(n,)``, each with its own source."""
+        for robot, rng in zip(robots, rngs, strict=True):
+            self.reset(int(robot), rng, options)
+
+    def step_all(self, actions: list[Any], active: NDArray[np.bool_]) -> None:
+        """Play one step of many episodes.
+
+        Args:
+            actions: Of all robots; checked.
+            active: ``(B,)``; the others are left alone.
+        """
+        robots = np.flatnonzero(active).tolist()
+        self._pool.each(lambda robot: self.step(robot, actions[robot]), robots)
+
+    def rewards(self) -> NDArray[np.float64]:
+        """Of each robot's last step ``(B,)``."""
+        return np.array([self.reward(robot) for robot in range(self.n_robots)])
+
+    def ends(self) -> NDArray[np.bool_]:
+        """Whether each robot's episode is over ``(B,)``."""
+        return np.array([self.terminated(robot) for robot in range(self.n_robots)])
+
+    def observations(self) -> dict[str, NDArray[Any]]:
+        """Those of all robots: new arrays with a leading axis of B."""
+        each = [self.observation(robot) for robot in range(self.n_robots)]
+        return {key: np.stack([one[key] for one in each]) for key in each[0]}
+
+    def infos(self) -> dict[str, NDArray[Any]]:
+        """Those of all robots, ``(B,)`` each; see :meth:`info`."""
+        each = [self.info(robot) for robot in range(self.n_robots)]
+        return {key: np.array([one[key] for one in each]) for key in each[0]}
+
+    def close(self) -> None:
+        """Let the threads end."""
+        self._pool.close()

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from activeloc import checks
 from activeloc.envs.maze_episodes import MazeEpisodes, MazeKnowledge
 from activeloc.envs.worlds import AnyKnowledge, configure, episodes_of, observation_space
-from activeloc.errors import ActionError, ConfigError
+from activeloc.errors import ConfigError
 
 Observation = dict[str, NDArray[Any]]
+MOST_THREADS = 256
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)
 
 
@@ -32,6 +33,9 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         autoreset_mode: ``NEXT_STEP`` (Gymnasium's default) or ``SAME_STEP`` (what SB3 needs); the
             enumeration or its name.
         render_mode: None; pictures are the single environment's.
+        threads: That share the work, at least 1. Results are the same bits for any number. They are
+            made when they are first needed, in every process that needs them; :meth:`close` ends
+            them.
         settings: As :class:`LocalizationEnv`.
 
     Raises:
@@ -47,12 +51,14 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
+        threads: int = 1,
         **settings: object,
     ) -> None:
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
             raise ConfigError(f"num_envs must be a positive integer; got {num_envs!r}")
         if render_mode is not None:
             raise ConfigError(f"render_mode must be None in a vector env; got {render_mode!r}")
+        checks.integer("threads", threads, 1, MOST_THREADS)
         self.num_envs = num_envs
         self.render_mode = None
         self.metadata = {**self.metadata, "autoreset_mode": _mode(autoreset_mode)}
@@ -62,7 +68,7 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
             checks.integer("max_episode_steps", max_episode_steps, 1, 2**31)
         self.max_episode_steps = max_episode_steps
         self.config = configure(settings)
-        self._episodes = episodes_of(self.config, num_envs)
+        self._episodes = episodes_of(self.config, num_envs, threads)
         self._rngs = [seeding.np_random()[0] for _ in range(num_envs)]
         self._done = np.zeros(num_envs, dtype=np.bool_)
         self.single_action_space = self.config.actions.space
@@ -100,15 +106,14 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
             raise ConfigError(f"reset_mask must be {self.num_envs} bools, one true; got {mask!r}")
         seeds = self._seeds(seed)
-        for robot in np.flatnonzero(~mask):
-            self._episodes.knowledge(int(robot))
+        self._episodes.demand_started(~mask)
         for robot in np.flatnonzero(mask):
             given = seeds[robot]
             if given is not None:
                 self._rngs[robot] = seeding.np_random(given)[0]
         self._start(mask, options)
         self._done[mask] = False
-        return self._observations(), self._infos()
+        return self._episodes.observations(), self._infos()
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         if seed is None:
@@ -130,41 +135,34 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         """
         again = self._done.copy()
         rewards, terminated = self._play(actions, again)
-        truncated = ~again & (self._steps() >= self._limit)
+        truncated = ~again & (self._episodes.steps >= self._limit)
         self._done = terminated | truncated
         if self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP and self._done.any():
             return self._reset_done(rewards, terminated, truncated)
-        return self._observations(), rewards, terminated, truncated, self._infos()
+        return self._episodes.observations(), rewards, terminated, truncated, self._infos()
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Let the threads end; see :meth:`gymnasium.vector.VectorEnv.close`."""
+        self._episodes.close()
 
     def _start(self, which: NDArray[np.bool_], options: dict[str, Any] | None = None) -> None:
         """Start the next episodes of some robots, ``(B,)``."""
         robots = np.flatnonzero(which)
-        if isinstance(self._episodes, MazeEpisodes):
-            if len(robots):
-                rngs = [self._rngs[robot] for robot in robots]
-                self._episodes.reset_some(robots, rngs, options)
-            return
-        for robot in robots:
-            self._episodes.reset(int(robot), self._rngs[robot], options)
+        if len(robots):
+            self._episodes.reset_some(robots, [self._rngs[robot] for robot in robots], options)
 
     def _play(
         self, actions: NDArray[Any], again: NDArray[np.bool_]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """One step of all robots but those whose next episode starts; rewards and ends."""
-        if isinstance(self._episodes, MazeEpisodes):
-            checked = self._episodes.checked_actions(actions)
+        checked = self._episodes.checked_actions(actions)
+        if not again.any():
             self._episodes.step_all(checked, ~again)
-            self._start(again)
-            rewards = np.where(again, 0.0, self._episodes.rewards())
-            return rewards, self._episodes.ends() & ~again
-        given, rewards = self._checked(actions), np.zeros(self.num_envs)
-        for robot in range(self.num_envs):
-            if again[robot]:
-                self._episodes.reset(robot, self._rngs[robot])
-            else:
-                self._episodes.step(robot, given[robot])
-                rewards[robot] = self._episodes.reward(robot)
-        return rewards, np.array([self._episodes.terminated(i) for i in range(self.num_envs)])
+            return self._episodes.rewards(), self._episodes.ends()
+        if not again.all():
+            self._episodes.step_all(checked, ~again)
+        self._start(again)
+        return np.where(again, 0.0, self._episodes.rewards()), self._episodes.ends() & ~again
 
     def _reset_done(
         self,
@@ -175,7 +173,7 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         """Start the next episodes at once; the last observations and infos go into ``info``."""
         done = self._done
         final_obs = np.full(self.num_envs, None, dtype=object)
-        last = self._observations()
+        last = self._episodes.observations()
         for robot in np.flatnonzero(done):
             final_obs[robot] = {key: value[robot] for key, value in last.items()}
         final_info = self._infos(done)
@@ -184,46 +182,17 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         infos |= {"final_obs": final_obs, "_final_obs": done.copy()}
         infos |= {"final_info": final_info, "_final_info": done.copy()}
         self._done = np.zeros(self.num_envs, dtype=np.bool_)
-        return self._observations(), rewards, terminated, truncated, infos
-
-    def _checked(self, actions: object) -> list[Any]:
-        try:
-            array = np.asarray(actions)
-        except ValueError:
-            array = np.array("ragged")
-        if array.ndim == 0 or len(array) != self.num_envs:
-            raise ActionError(f"actions must be {self.num_envs}, one a robot; got {actions!r}")
-        given = list(array)
-        for robot, action in enumerate(given):
-            self._episodes.knowledge(robot)
-            self.config.actions.command(action)
-        return given
+        return self._episodes.observations(), rewards, terminated, truncated, infos
 
     @property
     def _limit(self) -> float:
         return np.inf if self.max_episode_steps is None else self.max_episode_steps
 
-    def _steps(self) -> NDArray[np.int64]:
-        if isinstance(self._episodes, MazeEpisodes):
-            return self._episodes.steps
-        return np.array([self._episodes.episode(i).step for i in range(self.num_envs)])
-
-    def _observations(self) -> Observation:
-        if isinstance(self._episodes, MazeEpisodes):
-            return self._episodes.observations()
-        each = [self._episodes.observation(i) for i in range(self.num_envs)]
-        return {key: np.stack([one[key] for one in each]) for key in each[0]}
-
     def _infos(self, mask: NDArray[np.bool_] | None = None) -> dict[str, Any]:
         """The infos as arrays, with a ``_key`` mask of the robots that each is given for."""
         given = np.ones(self.num_envs, dtype=np.bool_) if mask is None else mask.copy()
-        if isinstance(self._episodes, MazeEpisodes):
-            columns = self._episodes.infos()
-        else:
-            each = [self._episodes.info(i) for i in range(self.num_envs)]
-            columns = {key: np.array([one[key] for one in each]) for key in each[0]}
         infos: dict[str, Any] = {}
-        for key, values in columns.items():
+        for key, values in self._episodes.infos().items():
             infos[key] = values if mask is None else np.where(given, values, np.zeros_like(values))
             infos[f"_{key}"] = given
         return infos

@@ -28,11 +28,11 @@ def configure(settings: Mapping[str, Any]) -> AnyConfig:
     return build(settings)
 
 
-def episodes_of(config: AnyConfig, n_robots: int) -> AnyEpisodes:
-    """A batch of episodes."""
+def episodes_of(config: AnyConfig, n_robots: int, threads: int = 1) -> AnyEpisodes:
+    """A batch of episodes, and how many threads share the work."""
     if isinstance(config, MazeConfig):
-        return MazeEpisodes(config, n_robots)
-    return Episodes(config, n_robots)
+        return MazeEpisodes(config, n_robots, threads)
+    return Episodes(config, n_robots, threads)
 
 
 def observation_space(config: AnyConfig) -> gym.spaces.Dict:

@@ -13,7 +13,7 @@ PACKAGE = Path(activeloc.__file__).parent
 ROOT = PACKAGE.parent
 # From the ground: a module imports from its own floor and from those below it, never from above.
 FLOORS = (
-    ("errors", "checks", "files", "configuration", "free_squares"),
+    ("errors", "checks", "files", "configuration", "free_squares", "sharing"),
     ("grid", "raycast", "range_table"),
     ("maps", "motion", "sensors", "logs", "plots"),
     ("beliefs",),

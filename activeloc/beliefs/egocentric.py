@@ -47,13 +47,13 @@ class EgocentricView:
         size = lattice.size
         # A maze's rows lie 2 m - 1 apart, the width of all places relative to one.
         length = (size - 1) * (2 * size - 1) + size
-        self._free = np.zeros((lattice.n_robots, 4, length), dtype=np.float32)
-        self._readings = np.zeros((lattice.n_robots, 4, length), dtype=np.uint64)
+        self.free = np.zeros((lattice.n_robots, 4, length), dtype=np.float32)
+        self.readings = np.zeros((lattice.n_robots, 4, length), dtype=np.uint64)
 
     def place(self, robots: NDArray[np.intp]) -> None:
         """Take note of the mazes that robots have been put into."""
         on = self.belief.lattice
-        turn_mazes(robots, on.size, on.n_cells, on.cells, on.depth, self._free, self._readings)
+        turn_mazes(robots, on.size, on.n_cells, on.cells, on.depth, self.free, self.readings)
 
     def draw(self) -> NDArray[np.float32]:
         """The views of all robots: new ``(B, 5, 2 r + 1, 2 r + 1)``, in [0, 1]."""
@@ -62,7 +62,7 @@ class EgocentricView:
         out = np.zeros((on.n_robots, PLANES, side, side), dtype=np.float32)
         draw_views(
             on.size, belief.bel, belief.live, belief.n_live, belief.largest, on.cells,
-            self._free, self._readings, out,
+            self.free, self.readings, out,
         )  # fmt: skip
         return out
 

@@ -49,23 +49,28 @@ def survey(
                 index[row, col] = n
                 n += 1
     n_steps = target.shape[0] // (4 * cells.shape[0])
+    at = index.ravel()
     # Cells ascend by row and column, so the neighbour that a depth is counted from is known already
-    # on the way up for the headings down the axes, on the way back for those up.
+    # on the way up for the headings down the axes, on the way back for those up. Unsigned numbers,
+    # so that no look-up asks whether it counts from the end.
     for k in range(4):
-        down, right = (k == 1) - (k == 3), (k == 0) - (k == 2)
+        ahead_by = ((k == 1) - (k == 3)) * size + (k == 0) - (k == 2)
         for i in range(n):
-            c = i if k >= 2 else n - 1 - i
-            row, col = cells[c, 0], cells[c, 1]
-            ahead = index[row + down, col + right]
-            depth[c, k] = 0 if ahead < 0 else depth[ahead, k] + 1
-            successor[c, k, LEFT] = 4 * c + ((k + 1) & 3)
-            successor[c, k, RIGHT] = 4 * c + ((k + 3) & 3)
-            successor[c, k, FORWARD] = 4 * (c if ahead < 0 else ahead) + k
+            c = np.uint64(i if k >= 2 else n - 1 - i)
+            here = cells[c, 0] * size + cells[c, 1]
+            ahead = at[np.uint64(here + ahead_by)]
+            reach = 0
+            if ahead >= 0:
+                reach = depth[np.uint64(ahead), k] + 1
+            depth[c, k] = reach
+            state = np.int64(4 * c)
+            successor[c, k, LEFT] = state + ((k + 1) & 3)
+            successor[c, k, RIGHT] = state + ((k + 3) & 3)
+            successor[c, k, FORWARD] = 4 * ahead + k if ahead >= 0 else state + k
+            first_target = np.uint64((state + k) * n_steps)
             for j in range(n_steps):
-                far = c
-                for _ in range(min(first + j, depth[c, k])):
-                    far = index[cells[far, 0] + down, cells[far, 1] + right]
-                target[(4 * c + k) * n_steps + j] = far
+                there = here + min(first + j, reach) * ahead_by
+                target[first_target + np.uint64(j)] = at[np.uint64(there)]
     return n
 
 
@@ -172,11 +177,13 @@ def begin(
         for c in range(n):
             for k in range(4):
                 total += likelihood[depth[b, c, k]] if known else 0.0
+        alike = total == 0.0
+        share = likelihood / (1.0 if alike else total)
         count = 0
         for c in range(n):
             largest = 0.0
             for k in range(4):
-                q = likelihood[depth[b, c, k]] / total if total > 0.0 else 1.0 / (4 * n)
+                q = 1.0 / (4 * n) if alike else share[depth[b, c, k]]
                 bel[b, c, k] = q
                 largest = max(largest, q)
             if largest > 0.0:

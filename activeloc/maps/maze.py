@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,13 +58,43 @@ class Maze:
         Raises:
             ConfigError: If every draw was symmetric.
         """
+        return self.draw_each([rng])[0]
+
+    def draw_each(self, rngs: Sequence[np.random.Generator]) -> NDArray[np.uint8]:
+        """The cells ``(n, m, m)`` of a maze from each of n sources, together.
+
+        Raises:
+            ConfigError: If every draw from one of them was symmetric.
+        """
         n = (self.size - 1) // 2
-        cells = np.empty((self.size, self.size), dtype=np.uint8)
+        cells = np.empty((len(rngs), self.size, self.size), dtype=np.uint8)
+        uniforms = np.empty((len(rngs), n, 2, n))
+        wanted = np.arange(len(rngs))
         for _ in range(MAX_TRIES):
-            carve(rng.random((n, 2, n)), cells)
-            if not is_symmetric(cells):
+            for i in wanted.tolist():
+                rngs[i].random(out=uniforms[i])
+            wanted = wanted[carve_each(wanted, uniforms, cells)]
+            if not len(wanted):
                 return cells
         raise give_up(self, "maze without symmetry")
+
+
+@njit(cache=True, nogil=True)
+def carve_each(
+    which: NDArray[np.intp], uniforms: NDArray[np.float64], cells: NDArray[np.uint8]
+) -> NDArray[np.bool_]:
+    """:func:`carve` some mazes; whether each of them is symmetric ``(n,)``.
+
+    Args:
+        which: ``(n,)``.
+        uniforms: ``(B, n, 2, n)``.
+        cells: ``(B, m, m)``, overwritten.
+    """
+    symmetric = np.zeros(which.shape[0], np.bool_)
+    for i, b in enumerate(which):
+        carve(uniforms[b], cells[b])
+        symmetric[i] = is_symmetric(cells[b])
+    return symmetric
 
 
 @njit(cache=True, nogil=True)

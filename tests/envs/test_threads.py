@@ -1,0 +1,177 @@
+"""Threads of the vector environment: the same bits for any number, in any process."""
+
+import gc
+import multiprocessing
+import pickle
+import threading
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import activeloc  # noqa: F401  (registers the ids)
+from activeloc.errors import ConfigError
+
+ROOMS = "rooms(width=6,height=5,resolution=0.1):0-1"
+CASES = {
+    "maze": ("activeloc/Maze7-v0", {"observation": {"view": True, "radius": 3}}),
+    "noisy maze": ("activeloc/NoisyMaze9-v0", {}),
+    "histogram": (
+        "activeloc/GlobalLocalization-v0",
+        {"map": ROOMS, "belief": {"kind": "histogram", "cell_size": 0.25, "headings": 36}},
+    ),
+    "particles": (
+        "activeloc/KidnappedRobot-v0",
+        {"map": ROOMS, "belief": {"kind": "particles", "n_min": 200, "n_max": 500}},
+    ),
+}
+every_case = pytest.mark.parametrize("case", CASES)
+
+
+def make(case, threads, n=5, mode="SAME_STEP"):
+    id, settings = CASES[case]
+    return gym.make_vec(
+        id, num_envs=n, threads=threads, max_episode_steps=6, autoreset_mode=mode, **settings
+    )
+
+
+def played(env, steps=14, seed=3):
+    """Everything that an environment says in some steps, as bytes."""
+    n, said = env.num_envs, []
+    rng = np.random.default_rng(seed)
+    results = [env.reset(seed=seed)]
+    results += [env.step(rng.integers(3, size=n)) for _ in range(steps)]
+    for result in results:
+        for part in (result[0], result[-1], result[-1].get("final_info", {})):
+            plain = {key: part[key] for key in part if not key.startswith("final")}
+            said += [plain[key].tobytes() for key in sorted(plain)]
+        for last in result[-1].get("final_obs", []):
+            said += [] if last is None else [last[key].tobytes() for key in sorted(last)]
+        said += [part.tobytes() for part in result[1:-1]]
+    return said
+
+
+def helpers():
+    return [one for one in threading.enumerate() if one.name.startswith("activeloc")]
+
+
+@pytest.mark.parametrize("mode", ["SAME_STEP", "NEXT_STEP"])
+@every_case
+def test_results_are_the_same_bits_for_any_number_of_threads(case, mode):
+    expected = played(make(case, 1, mode=mode))
+    for threads in (2, 3, 7):
+        env = make(case, threads, mode=mode)
+        assert played(env) == expected
+        env.close()
+
+
+@every_case
+def test_one_robot_needs_no_threads(case):
+    before = len(helpers())
+    env = make(case, 4, n=1)
+    assert played(env) == played(make(case, 1, n=1))
+    assert len(helpers()) == before
+    env.close()
+
+
+@every_case
+def test_threads_are_made_when_they_are_needed_and_end_with_the_environment(case):
+    before = len(helpers())
+    env = make(case, 3)
+    assert len(helpers()) == before
+    played(env, steps=2)
+    assert before < len(helpers()) <= before + 2
+    ours = [one for one in helpers() if one.is_alive()][before:]
+    env.close()
+    for one in ours:
+        one.join(timeout=20.0)
+        assert not one.is_alive()
+
+
+@every_case
+def test_threads_end_with_an_environment_that_is_dropped(case):
+    env = make(case, 3)
+    known = set(helpers())
+    played(env, steps=2)
+    ours = set(helpers()) - known
+    assert ours
+    del env
+    gc.collect()
+    for one in ours:
+        one.join(timeout=20.0)
+        assert not one.is_alive()
+
+
+@every_case
+def test_a_copy_makes_its_own_threads(case):
+    env = make(case, 3)
+    played(env, steps=2)
+    twin = pickle.loads(pickle.dumps(env.unwrapped))
+    assert played(twin) == played(env)
+    env.close()
+    twin.close()
+
+
+def child(case, threads, connection):
+    env = make(case, threads)
+    connection.send(played(env))
+    env.close()
+
+
+def go_on(env, connection):
+    connection.send(played(env))
+
+
+@pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
+@every_case
+def test_an_environment_with_threads_goes_on_in_a_forked_process(case):
+    """The child has none of the threads, whatever they were doing."""
+    env = make(case, 3)
+    expected = played(env)
+    context = multiprocessing.get_context("fork")
+    for target, given in ((go_on, (env,)), (child, (case, 2))):
+        ours, theirs = context.Pipe()
+        process = context.Process(target=target, args=(*given, theirs), daemon=True)
+        process.start()
+        assert ours.poll(20.0)
+        assert ours.recv() == expected
+        process.join(timeout=20.0)
+        assert process.exitcode == 0
+    assert played(env) == expected
+    env.close()
+
+
+@pytest.mark.parametrize("case", ["maze", "particles"])
+def test_a_spawned_process_has_threads_of_its_own(case):
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=child, args=(case, 2, theirs), daemon=True)
+    process.start()
+    assert ours.poll(120.0)
+    assert ours.recv() == played(make(case, 1))
+    process.join(timeout=20.0)
+    assert process.exitcode == 0
+
+
+@every_case
+@pytest.mark.parametrize("threads", [0, -1, 2.5, "a", True, None, 257])
+def test_numbers_of_threads_that_are_none_are_refused(case, threads):
+    with pytest.raises(ConfigError, match=r"threads must be an integer in \[1, 256\]; got"):
+        make(case, threads)
+
+
+def test_environments_with_threads_may_be_stepped_by_threads():
+    """Four environments at once, each with helpers, by four threads of the caller's."""
+    expected, found = played(make("maze", 1)), {}
+
+    def play(i):
+        env = make("maze", 3)
+        found[i] = played(env) == expected
+        env.close()
+
+    callers = [threading.Thread(target=play, args=(i,)) for i in range(4)]
+    for one in callers:
+        one.start()
+    for one in callers:
+        one.join()
+    assert found == dict.fromkeys(range(4), True)
