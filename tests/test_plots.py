@@ -7,7 +7,7 @@ from PIL import Image
 
 from activeloc import plots
 from activeloc.errors import ConfigError
-from activeloc.plots import mean_with_band, plot_entropy_curves
+from activeloc.plots import curves, mean_with_band, plot_entropy_curves, runs
 
 pytest.importorskip("matplotlib")
 CURVES = {
@@ -20,7 +20,8 @@ CURVES = {
 def drawn(monkeypatch):
     """The figures, instead of the files."""
     figures = []
-    monkeypatch.setattr(plots, "_save", lambda figure, path: figures.append(figure))
+    for module in (curves, runs):
+        monkeypatch.setattr(module, "save", lambda figure, path: figures.append(figure))
     return figures
 
 
@@ -87,13 +88,13 @@ def test_the_band_is_the_same_each_time():
 def test_labels_are_moved_apart_in_order_and_no_further_than_needed(seed):
     rng = np.random.default_rng(seed)
     heights = rng.choice([0.0, 0.02, 0.5, 0.9], 6) + rng.uniform(0, 0.05, 6)
-    placed = plots._apart(heights, 0.06)
+    placed = curves._apart(heights, 0.06)
     order = np.argsort(heights)
     assert np.diff(placed[order]).min() >= 0.06 - 1e-12
     assert placed.min() >= 0.0
     far = np.array([0.1, 0.9, 0.5])
-    np.testing.assert_allclose(plots._apart(far, 0.06), far)
-    np.testing.assert_allclose(plots._apart(np.array([0.5, 0.5]), 0.06), [0.47, 0.53])
+    np.testing.assert_allclose(curves._apart(far, 0.06), far)
+    np.testing.assert_allclose(curves._apart(np.array([0.5, 0.5]), 0.06), [0.47, 0.53])
 
 
 def test_writes_a_png_and_nothing_else(tmp_path):
