@@ -18,15 +18,8 @@ import gymnasium as gym
 import numpy as np
 from PIL import Image
 
-from activeloc.beliefs.settings import HistogramConfig, ParticleConfig
 from activeloc.envs import ENVIRONMENTS, MAX_EPISODE_STEPS, STEPS
-from activeloc.envs.actions import Actions
-from activeloc.envs.maze_episodes import MazeObservation, MazeTask
-from activeloc.envs.observations import ObservationConfig
-from activeloc.envs.rewards import RewardWeights
-from activeloc.envs.tasks import Task
-from activeloc.motion import MotionModel, MotionNoise
-from activeloc.sensors import BeamModel, LikelihoodField, ProximityModel, Sonar
+from activeloc.envs.worlds import configure
 
 DOCS = Path(__file__).resolve().parents[1]
 
@@ -52,21 +45,24 @@ MEANINGS = {
     "ways": "straight ways in 12 bearings: open, and what a scan at their ends would tell",
     "place": "what was read and touched where the robot stands",
 }
-SETTINGS: dict[str, tuple[str, type[Any]]] = {
-    "task": ("", Task),
-    "belief": ('`belief="histogram"`', HistogramConfig),
-    "belief ": ('`belief="particles"`', ParticleConfig),
-    "sensor": ('`sensor="beam"`', BeamModel),
-    "sensor ": ('`sensor="field"`', LikelihoodField),
-    "sensor  ": ('`sensor="proximity"`', ProximityModel),
-    "sensor   ": ('`sensor="sonar"`, besides', Sonar),
-    "motion": ("", MotionModel),
-    "motion.actuation, motion.odometry": ("standard deviations", MotionNoise),
-    "actions": ("", Actions),
-    "reward": ("", RewardWeights),
-    "observation": ("", ObservationConfig),
-    "task ": ("in mazes", MazeTask),
-    "observation ": ("in mazes", MazeObservation),
+METRIC = configure({})
+MAZE = configure(ENVIRONMENTS["activeloc/Maze7-v0"])
+#: Title of each table of settings, and an object with these settings.
+SETTINGS: dict[str, Any] = {
+    "task": METRIC.task,
+    'belief, `belief="histogram"`': METRIC.belief,
+    'belief, `belief="particles"`': configure({"belief": "particles"}).belief,
+    'sensor, `sensor="beam"`': METRIC.sensor,
+    'sensor, `sensor="field"`': configure({"sensor": "field"}).sensor,
+    'sensor, `sensor="proximity"`': configure({"sensor": "proximity"}).sensor,
+    'sensor, `sensor="sonar"`, besides': configure({"sensor": "sonar"}).sensor,
+    "motion": METRIC.motion,
+    "motion.actuation, motion.odometry, standard deviations": METRIC.motion.odometry,
+    "actions": METRIC.actions,
+    "reward": METRIC.reward,
+    "observation": METRIC.observation,
+    "task, in mazes": MAZE.task,
+    "observation, in mazes": MAZE.observation,
 }
 
 
@@ -135,7 +131,7 @@ def section(name: str) -> str:
         commands = ["turn left 90 deg", "turn right 90 deg", "one cell forward"]
         reward = "the largest probability after the step"
     else:
-        weights = RewardWeights()
+        weights = METRIC.reward
         reward = ", ".join(
             f"`{item.name}` x {getattr(weights, item.name):g}" for item in fields(weights)
         )
@@ -168,9 +164,8 @@ def page() -> str:
     parts.append("\n".join(["| argument | |", "|---|---|"]))
     parts[-1] += "".join(f"\n| `{name}` | {text} |" for name, text in words.items()) + "\n"
     parts.append("## Settings\n")
-    for name, (kind, cls) in SETTINGS.items():
-        title = f"### {name.strip()}" + (f", {kind}" if kind else "")
-        parts.append(f"{title}\n\n{settings_table(cls)}\n")
+    for title, given in SETTINGS.items():
+        parts.append(f"### {title}\n\n{settings_table(type(given))}\n")
     return "\n".join(parts)
 
 
