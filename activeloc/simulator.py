@@ -12,6 +12,7 @@ the person stands, uniform between the robot and the range that the map alone wo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -23,7 +24,7 @@ from activeloc.errors import MapError
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import MotionModel, Terrain, wrap
 from activeloc.sensors import RangeSensor
-from activeloc.sensors.readings import expected_range, rays_of
+from activeloc.sensors.readings import expected_range
 
 
 @lru_cache(maxsize=32)
@@ -129,50 +130,93 @@ class Simulator:
             raise MapError(f"robot {robot} has not been placed on a map")
         return grid
 
-    def _redrawn(self, robot: int, uniforms: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The robot's pose ``(n, 3)``, drawn anew within its state for each of ``(n, 4)``."""
-        poses = np.repeat(self.poses[robot : robot + 1], len(uniforms), axis=0)
-        if self.redraw is None:
-            return poses
-        grid = _pose_grid(self._grid(robot), self.motion.radius, *self.redraw)
-        cell, heading = grid.states_of(poses)
-        return grid.sample_in(cell, heading, uniforms)
+    def _by_map(self, robots: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+        """Places in ``robots`` ``(n,)``, those on one map together."""
+        maps: dict[int, list[int]] = {}
+        for i, robot in enumerate(robots.tolist()):
+            maps.setdefault(id(self._grid(robot)), []).append(i)
+        return [np.array(places) for places in maps.values()]
+
+    def _redrawn(
+        self, robots: NDArray[np.intp], uniforms: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Poses ``(n, m, 3)`` of robots on one map, drawn anew within their states.
+
+        Args:
+            robots: ``(n,)``.
+            uniforms: ``(n, m, 4)``.
+        """
+        m = uniforms.shape[1]
+        poses = np.repeat(self.poses[robots], m, axis=0)
+        if self.redraw is not None:
+            grid = self._grid(int(robots[0]))
+            states = _pose_grid(grid, self.motion.radius, *self.redraw)
+            poses = states.sample_in(*states.states_of(poses), uniforms.reshape(-1, 4))
+        return poses.reshape(len(robots), m, 3)
 
     def step(
         self, robot: int, command: NDArray[np.float64], rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Carry a command out.
+        """:meth:`step_some` for one robot: ``(3,)``."""
+        return self.step_some(np.array([robot]), np.asarray(command)[None], [rng])[0]
+
+    def step_some(
+        self,
+        robots: NDArray[np.intp],
+        commands: NDArray[np.float64],
+        rngs: Sequence[np.random.Generator],
+    ) -> NDArray[np.float64]:
+        """Carry out commands.
 
         Args:
-            robot: Which one.
-            command: ``(3,)`` of rotation [rad], translation [m], rotation [rad].
-            rng: Source of the noise.
+            robots: ``(n,)``; which.
+            commands: ``(n, 3)`` of rotation [rad], translation [m], rotation [rad].
+            rngs: Source of each robot's noise.
 
         Returns:
-            The odometry's reading ``(3,)``.
+            The odometries' readings ``(n, 3)``.
         """
-        normals, uniforms = rng.standard_normal((2, 1, 3)), rng.random((1, 4))
-        terrain = self.terrain(robot)
-        start = self._redrawn(robot, uniforms)
-        reached, carried_out = self.motion.execute(terrain, start, command, normals[0])
-        self.poses[robot] = reached[0]
-        u = self.motion.read_odometry(carried_out, normals[1])
-        if self.motion.blunder > 0.0:
-            u = self.motion.misread(u, np.asarray(command), rng.random((1, 5)))
-        return u[0]
+        n, blundering = len(robots), self.motion.blunder > 0.0
+        normals, uniforms, blunders = np.empty((n, 2, 3)), np.empty((n, 1, 4)), np.empty((n, 5))
+        for i, rng in enumerate(rngs):
+            rng.standard_normal(out=normals[i])
+            rng.random(out=uniforms[i])
+            if blundering:
+                rng.random(out=blunders[i])
+        u = np.empty((n, 3))
+        for at in self._by_map(robots):
+            here = robots[at]
+            start = self._redrawn(here, uniforms[at])[:, 0]
+            terrain = self.terrain(int(here[0]))
+            reached, done = self.motion.execute(terrain, start, commands[at], normals[at, 0])
+            self.poses[here] = reached
+            u[at] = self.motion.read_odometry(done, normals[at, 1])
+        return self.motion.misread(u, commands, blunders) if blundering else u
 
     def scan(self, robot: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """What the sensor reads: ``(B,)`` [m]."""
+        """:meth:`scan_some` for one robot: ``(B,)`` [m]."""
+        return self.scan_some(np.array([robot]), [rng])[0]
+
+    def scan_some(
+        self, robots: NDArray[np.intp], rngs: Sequence[np.random.Generator]
+    ) -> NDArray[np.float64]:
+        """What the sensors of robots ``(n,)`` read, each with its own noise: ``(n, B)`` [m]."""
         bearings = self.sensor.bearings
-        uniforms, redraw = rng.random((len(bearings), 2)), rng.random((len(bearings), 4))
-        if self.redraw is None:
-            rays = rays_of(self.poses[robot], bearings)
-        else:
-            rays = self._redrawn(robot, redraw)
-            rays[:, 2] += bearings
-        readings = self.sensor.read(self._grid(robot), rays, uniforms)
-        if self.people == 0.0:
-            return readings
-        meets, where = rng.random((len(bearings), 2)).T
-        person = where * expected_range(self.sensor, self._grid(robot), rays)
-        return np.where(meets < self.people, person, readings)
+        shape = (len(robots), len(bearings))
+        uniforms, redraw = np.empty((*shape, 2)), np.empty((*shape, 4))
+        people, readings = np.empty((*shape, 2)), np.empty(shape)
+        for i, rng in enumerate(rngs):
+            rng.random(out=uniforms[i])
+            rng.random(out=redraw[i])
+            if self.people > 0.0:
+                rng.random(out=people[i])
+        for at in self._by_map(robots):
+            here, grid = robots[at], self._grid(int(robots[at[0]]))
+            rays = self._redrawn(here, redraw[at])
+            rays[..., 2] += bearings
+            readings[at] = self.sensor.read(grid, rays, uniforms[at])
+            if self.people > 0.0:
+                meets, where = people[at, :, 0], people[at, :, 1]
+                person = where * expected_range(self.sensor, grid, rays)
+                readings[at] = np.where(meets < self.people, person, readings[at])
+        return readings

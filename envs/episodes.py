@@ -359,18 +359,41 @@ class Episodes:
         Raises:
             ActionError: If the action is not in the space or the episode is over; nothing changes.
         """
-        episode = self.episode(robot)
-        if episode.over:
+        command = self._command(robot, action)
+        self._step(np.array([robot]), command[None])
+
+    def _command(self, robot: int, action: object) -> NDArray[np.float64]:
+        """The command ``(3,)`` that an action stands for, if the robot may act."""
+        if self.episode(robot).over:
             raise ActionError("step() after the episode has ended: call reset()")
-        command = self.config.actions.command(action)
-        before = self.entropy_fraction(robot)
-        last = episode.summary.estimate
-        episode.step += 1
-        episode.u = self.simulator.step(robot, command, episode.rng)
-        episode.touched = bool(self.filter_motion.touched(command, episode.u))
-        if episode.step == episode.kidnap_step:
-            self._kidnap(robot, episode)
-        episode.scan = self.simulator.scan(robot, episode.rng)
+        return self.config.actions.command(action)
+
+    def _step(self, robots: NDArray[np.intp], commands: NDArray[np.float64]) -> None:
+        """Play one step of some episodes: the robots all at once, then each belief.
+
+        Args:
+            robots: ``(n,)``.
+            commands: ``(n, 3)``.
+        """
+        episodes = [self.episode(robot) for robot in robots.tolist()]
+        rngs = [episode.rng for episode in episodes]
+        u = self.simulator.step_some(robots, commands, rngs)
+        for robot, episode, command, reading in zip(
+            robots.tolist(), episodes, commands, u, strict=True
+        ):
+            episode.step += 1
+            episode.u = reading
+            episode.touched = bool(self.filter_motion.touched(command, reading))
+            if episode.step == episode.kidnap_step:
+                self._kidnap(robot, episode)
+        for episode, scan in zip(episodes, self.simulator.scan_some(robots, rngs), strict=True):
+            episode.scan = scan
+        self._pool.each(self._follow, robots.tolist())
+
+    def _follow(self, robot: int) -> None:
+        """Predict and correct a robot's belief, and judge it."""
+        episode = self.episode(robot)
+        before, last = self.entropy_fraction(robot), episode.summary.estimate
         self.belief.predict(robot, episode.u, episode.touched)
         impossible, dropped = self._correct(robot, episode.scan, episode.novelty_rng)
         episode.impossible += impossible
@@ -437,17 +460,21 @@ class Episodes:
         return float(sum(self.episode(robot).terms.values()))
 
     def observation(self, robot: int) -> dict[str, NDArray[Any]]:
+        """Of one robot: new arrays."""
+        return {name: value[0] for name, value in self._observe(np.array([robot])).items()}
+
+    def _observe(self, robots: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
         """See :func:`activeloc.envs.observations.observe`."""
-        episode = self.episode(robot)
+        episodes = [self.episode(robot) for robot in robots.tolist()]
         return observe(
             self.config.observation,
             self.belief,
-            robot,
-            episode.summary,
-            episode.scan,
+            robots,
+            [episode.summary for episode in episodes],
+            np.array([episode.scan for episode in episodes]),
             self.config.sensor.z_max,
-            episode.u,
-            episode.touched,
+            np.array([episode.u for episode in episodes]),
+            np.array([episode.touched for episode in episodes]),
             self.view,
         )
 
@@ -541,8 +568,9 @@ class Episodes:
             actions: Of all robots; checked.
             active: ``(B,)``; the others are left alone.
         """
-        robots = np.flatnonzero(active).tolist()
-        self._pool.each(lambda robot: self.step(robot, actions[robot]), robots)
+        robots = np.flatnonzero(active)
+        commands = [self._command(robot, actions[robot]) for robot in robots.tolist()]
+        self._step(robots, np.array(commands))
 
     def rewards(self) -> NDArray[np.float64]:
         """Of each robot's last step ``(B,)``."""
@@ -554,8 +582,7 @@ class Episodes:
 
     def observations(self) -> dict[str, NDArray[Any]]:
         """Those of all robots: new arrays with a leading axis of B."""
-        each = [self.observation(robot) for robot in range(self.n_robots)]
-        return {key: np.stack([one[key] for one in each]) for key in each[0]}
+        return self._observe(np.arange(self.n_robots))
 
     def infos(self) -> dict[str, NDArray[Any]]:
         """Those of all robots, ``(B,)`` each; see :meth:`info`."""

@@ -11,6 +11,7 @@ depends neither on the map's size nor on where north is; it is left out unless i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,49 +75,57 @@ class ObservationConfig:
 def observe(
     config: ObservationConfig,
     belief: Belief,
-    robot: int,
-    summary: Summary,
-    scan: NDArray[np.float64],
+    robots: NDArray[np.intp],
+    summaries: Sequence[Summary],
+    scans: NDArray[np.float64],
     z_max: float,
     u: NDArray[np.float64],
-    touched: bool,
+    touched: NDArray[np.bool_],
     view: MetricView | None = None,
 ) -> dict[str, NDArray[Any]]:
-    """The observation of one robot: new arrays of float32.
+    """The observations of some robots: new arrays of float32 with a leading axis of n.
 
     Args:
         config: Resolution.
         belief: Whose view is drawn.
-        robot: Which one.
-        summary: What the belief says in short.
-        scan: ``(B,)`` [m].
+        robots: ``(n,)``; which.
+        summaries: What their beliefs say in short.
+        scans: ``(n, B)`` [m].
         z_max: Longest range of the sensor [m].
-        u: ``(3,)`` last odometry reading.
-        touched: Whether the last motion was stopped by an obstacle.
+        u: ``(n, 3)`` last odometry readings.
+        touched: ``(n,)``; whether the last motion was stopped by an obstacle.
         view: Draws the egocentric view; None to leave it out.
 
     Returns:
-        ``belief`` ``(headings, rows, cols)``: sqrt(p / max p). ``map`` ``(rows, cols)``: share of
-        free ground. ``scan`` ``(B,)``: range over ``z_max``, -1 for no reading. ``scalars``: the
-        entropy as a fraction of the uniform's, the mass near the estimate, whether the robot
-        touched something, how far it turned [half turns] and travelled [m, cut to 1]. ``view``
-        ``(5, s, s)``, ``ways`` ``(2, 12, 9)`` and ``place`` ``(24,)``: see
-        :mod:`activeloc.beliefs.metric_view`.
+        ``belief`` ``(n, headings, rows, cols)``: sqrt(p / max p). ``map`` ``(n, rows, cols)``:
+        share of free ground. ``scan`` ``(n, B)``: range over ``z_max``, -1 for no reading.
+        ``scalars`` ``(n, 5)``: the entropy as a fraction of the uniform's, the mass near the
+        estimate, whether the robot touched something, how far it turned [half turns] and travelled
+        [m, cut to 1]. ``view`` ``(n, 5, s, s)``, ``ways`` ``(n, 2, 12, 9)`` and ``place``
+        ``(n, 24)``: see :mod:`activeloc.beliefs.metric_view`.
     """
-    p = belief.view(robot, config.headings, config.rows, config.cols)
-    peak = float(p.max())
-    seen = np.where(np.isnan(scan), -1.0, np.minimum(scan, z_max) / z_max)
-    scalars = [
-        summary.entropy / max(summary.uniform_entropy, 1e-9),
-        summary.mass,
-        float(touched),
-        (u[0] + u[2]) / np.pi,
-        u[1],
-    ]
-    return {
-        "belief": np.sqrt(np.clip(p / peak, 0.0, 1.0)).astype(np.float32),
-        "map": map_view(belief.terrain(robot).grid, config.rows, config.cols).copy(),
+    n, shape = len(robots), (config.rows, config.cols)
+    beliefs = np.empty((n, config.headings, *shape), dtype=np.float32)
+    maps = np.empty((n, *shape), dtype=np.float32)
+    for i, robot in enumerate(robots.tolist()):
+        p = belief.view(robot, config.headings, *shape)
+        np.sqrt(np.clip(p / p.max(), 0.0, 1.0), out=beliefs[i], casting="same_kind")
+        maps[i] = map_view(belief.terrain(robot).grid, *shape)
+    seen = np.where(np.isnan(scans), -1.0, np.minimum(scans, z_max) / z_max)
+    scalars = np.empty((n, len(SCALARS)))
+    for i, summary in enumerate(summaries):
+        scalars[i, 0] = summary.entropy / max(summary.uniform_entropy, 1e-9)
+        scalars[i, 1] = summary.mass
+    scalars[:, 2] = touched
+    scalars[:, 3] = (u[:, 0] + u[:, 2]) / np.pi
+    scalars[:, 4] = u[:, 1]
+    result: dict[str, NDArray[Any]] = {
+        "belief": beliefs,
+        "map": maps,
         "scan": seen.astype(np.float32),
         "scalars": np.clip(scalars, -1.0, 1.0).astype(np.float32),
-        **(view.draw(robot) if view is not None else {}),
     }
+    if view is not None:
+        drawn = [view.draw(robot) for robot in robots.tolist()]
+        result |= {name: np.stack([one[name] for one in drawn]) for name in drawn[0]}
+    return result

@@ -132,7 +132,7 @@ def test_the_discrete_world_redraws_within_the_state():
         simulator.step(0, np.array([0.4, 0.2, 0.0]), rng)
         state = grid.states_of(simulator.poses)
         before = simulator.poses.copy()
-        redrawn = simulator._redrawn(0, rng.random((500, 4)))
+        redrawn = simulator._redrawn(np.array([0]), rng.random((500, 4))[None])[0]
         cell, heading = grid.states_of(redrawn)
         np.testing.assert_array_equal(cell, state[0][0])
         np.testing.assert_array_equal(heading, state[1][0])

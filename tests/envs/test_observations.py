@@ -77,7 +77,14 @@ def particles(masses):
 
 def seen(belief, *, scan=(1.0, 1.0, 1.0), u=(0.0, 0.0, 0.0), touched=False, summary=None):
     summary = summary or Summary(1.0, 4.0, np.zeros(3), 0.5)
-    return observe(CONFIG, belief, 0, summary, np.asarray(scan), 1.5, np.asarray(u), touched)
+    return only(CONFIG, belief, summary, scan, u, touched)
+
+
+def only(config, belief, summary, scan, u, touched):
+    """What the only robot observes."""
+    result = observe(config, belief, np.array([0]), [summary], np.array([scan]), 1.5,
+                     np.array([u]), np.array([touched]))  # fmt: skip
+    return {name: value[0] for name, value in result.items()}
 
 
 both = pytest.mark.parametrize("make", [histogram, particles])
@@ -124,8 +131,8 @@ def test_other_numbers_of_pixels_keep_the_shapes_undistorted():
     """3 rows and 12 columns: pixels of a metre, and the 12 m x 3 m they cover lie centrally."""
     belief = histogram([(PLACES["upper right"][0], 1.0)])
     config = ObservationConfig(headings=4, rows=3, cols=12)
-    result = observe(config, belief, 0, Summary(1.0, 4.0, np.zeros(3), 0.5), np.ones(3), 1.5,
-                     np.zeros(3), False)  # fmt: skip
+    summary = Summary(1.0, 4.0, np.zeros(3), 0.5)
+    result = only(config, belief, summary, np.ones(3), np.zeros(3), False)
     assert np.argwhere(result["belief"]).tolist() == [[2, 2, 8]]
     assert result["map"].sum() * 1.0 == pytest.approx(GRID.free.sum() * 0.25)
     assert not result["map"][:, :3].any()

@@ -93,7 +93,7 @@ def test_without_people_a_scan_draws_what_it_drew_before_there_were_any(redraw):
     assert rng.bit_generator.state == twin.bit_generator.state
     rays = rays_of(simulator.poses[0], BeamModel().bearings)
     if redraw is not None:
-        rays = simulator._redrawn(0, places)
+        rays = simulator._redrawn(np.array([0]), places[None])[0]
         rays[:, 2] += BeamModel().bearings
     np.testing.assert_array_equal(scan, BeamModel().read(hall(), rays, uniforms))
 
