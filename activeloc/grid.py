@@ -123,6 +123,11 @@ class OccupancyGrid:
         result: NDArray[np.float64] = half_cells * (0.5 * self.resolution)
         return result
 
+    @cached_property
+    def frame(self) -> NDArray[np.float64]:
+        """``(3,)``; x and y of the lower left corner and the resolution [m], for kernels."""
+        return np.array([*self.origin, self.resolution])
+
     def count(self) -> dict[str, int]:
         """How many cells are free, occupied and unknown."""
         return {cell.name.lower(): int((self.cells == cell).sum()) for cell in Cell}

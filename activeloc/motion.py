@@ -18,7 +18,6 @@ from math import hypot
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from activeloc import checks
 from activeloc.errors import ConfigError
@@ -41,6 +40,26 @@ def wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:
     result: NDArray[np.float64] = (np.asarray(angle) + np.pi) % (2.0 * np.pi) - np.pi
     # Just under -pi the remainder is rounded up to the full circle.
     return np.where(result >= np.pi, -np.pi, result)
+
+
+@njit(cache=True, nogil=True)
+def fill_sigmas(
+    u: NDArray[np.float64],
+    rotation_from_rotation: float,
+    rotation_from_translation: float,
+    translation_from_translation: float,
+    translation_from_rotation: float,
+    out: NDArray[np.float64],
+) -> None:
+    """Fill ``out (N, 3)`` with the standard deviations of motions ``(N, 3)``."""
+    for i in range(u.shape[0]):
+        by_travel = rotation_from_translation * u[i, 1]
+        out[i, 0] = hypot(rotation_from_rotation * u[i, 0], by_travel)
+        out[i, 1] = hypot(
+            translation_from_translation * u[i, 1],
+            translation_from_rotation * hypot(u[i, 0], u[i, 2]),
+        )
+        out[i, 2] = hypot(rotation_from_rotation * u[i, 2], by_travel)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,19 +93,13 @@ class MotionNoise:
         """Standard deviations of the three parts of motions ``(..., 3)``: an array like ``u``."""
         if np.shape(u) == (3,):  # The same without numpy's overhead, which is felt at every step.
             return np.array(self._sigmas(float(u[0]), float(u[1]), float(u[2])))
-        rot1, trans, rot2 = np.moveaxis(np.asarray(u, dtype=np.float64), -1, 0)
-        by_travel = self.rotation_from_translation * trans
-        return np.stack(
-            [
-                np.hypot(self.rotation_from_rotation * rot1, by_travel),
-                np.hypot(
-                    self.translation_from_translation * trans,
-                    self.translation_from_rotation * np.hypot(rot1, rot2),
-                ),
-                np.hypot(self.rotation_from_rotation * rot2, by_travel),
-            ],
-            axis=-1,
-        )
+        u = np.ascontiguousarray(u, dtype=np.float64)
+        out = np.empty_like(u)
+        fill_sigmas(
+            u.reshape(-1, 3), self.rotation_from_rotation, self.rotation_from_translation,
+            self.translation_from_translation, self.translation_from_rotation, out.reshape(-1, 3),
+        )  # fmt: skip
+        return out
 
     def _sigmas(self, rot1: float, trans: float, rot2: float) -> tuple[float, float, float]:
         by_travel = self.rotation_from_translation * trans
@@ -120,20 +133,12 @@ class Terrain:
         self.radius = radius
         self.open = grid.passable(radius)
         self.blocked = ~self.open
+        self.frame = grid.frame
 
     @cached_property
     def open_cells(self) -> NDArray[np.intp]:
         """``(N, 2)`` of row and column of every open cell."""
         return np.argwhere(self.open)
-
-    @cached_property
-    def room(self) -> NDArray[np.float32]:
-        """``(H, W)``; distance from each cell's centre to the nearest blocked cell's [cell].
-
-        Zero in blocked cells; the outside of the map is blocked.
-        """
-        distance = ndimage.distance_transform_edt(np.pad(self.open, 1))[1:-1, 1:-1]
-        return np.asarray(distance, dtype=np.float32)
 
     @cached_property
     def squares(self) -> NDArray[np.uint8]:
@@ -176,40 +181,69 @@ class Terrain:
 
 
 @njit(cache=True, nogil=True)
-def drive(
-    squares: NDArray[np.uint8],
-    poses: NDArray[np.float64],
-    motions: NDArray[np.float64],
-    out: NDArray[np.float64],
-    travelled: NDArray[np.float64],
-) -> None:
-    """Rotate, travel until done or stopped by an obstacle, rotate. Lengths in cells.
+def free_way(
+    squares: NDArray[np.uint8], col: float, row: float, dx: float, dy: float, wanted: float
+) -> float:
+    """How far a robot gets on a way of ``wanted`` [cell]; no ray is cast where there is room.
 
     Args:
         squares: ``(4, H + 2, W + 2)``; of the cells that are open to the robot's centre.
-        poses: ``(N, 3)`` of column, row, heading.
-        motions: ``(N, 3)`` of first rotation, translation (backwards if negative), second rotation.
-        out: ``(N, 3)``, overwritten with the poses reached; headings are not wrapped.
-        travelled: ``(N,)``, overwritten with the translations achieved.
+        col: Where it stands [cell].
+        row: [cell].
+        dx: Unit heading along the columns.
+        dy: Unit heading along the rows.
+        wanted: [cell].
     """
+    if abs(dx) >= 1e-14 and abs(dy) >= 1e-14 and col >= 0.0 and row >= 0.0:
+        c, r = int(col), int(row)
+        if r < squares.shape[1] - 2 and c < squares.shape[2] - 2:
+            quadrant = (0 if dx > 0.0 else 1) + (0 if dy > 0.0 else 2)
+            # Wherever in the cell it stands, it stays within the square.
+            if squares[quadrant, r + 1, c + 1] - 1.0 > wanted + 2.0 * MARGIN:
+                return wanted
+    reach = cast_ray(squares, col, row, dx, dy, wanted + 2.0 * MARGIN) - MARGIN
+    return max(0.0, min(wanted, reach))
+
+
+@njit(cache=True, nogil=True)
+def drive(
+    squares: NDArray[np.uint8],
+    frame: NDArray[np.float64],
+    poses: NDArray[np.float64],
+    motions: NDArray[np.float64],
+    reached: NDArray[np.float64],
+    carried_out: NDArray[np.float64],
+) -> None:
+    """Rotate, travel until done or stopped by an obstacle, rotate.
+
+    Args:
+        squares: See :func:`free_way`.
+        frame: x and y of the map's corner, and its resolution [m].
+        poses: ``(N, 3)`` of x, y [m] and heading.
+        motions: ``(N, 3)`` of first rotation, translation (backwards if negative), second rotation.
+        reached: ``(N, 3)``, overwritten; headings are in [-pi, pi).
+        carried_out: ``(N, 3)``, overwritten with the motions, their translations those achieved.
+    """
+    resolution, per_cell = frame[2], 1.0 / frame[2]
     for i in range(poses.shape[0]):
-        x, y = poses[i, 0], poses[i, 1]
+        col = (poses[i, 0] - frame[0]) / resolution
+        row = (poses[i, 1] - frame[1]) / resolution
         heading = poses[i, 2] + motions[i, 0]
-        wanted = abs(motions[i, 1])
         sign = 1.0 if motions[i, 1] >= 0.0 else -1.0
         dx, dy = sign * np.cos(heading), sign * np.sin(heading)
-        reach = cast_ray(squares, x, y, dx, dy, wanted + 2.0 * MARGIN) - MARGIN
-        length = max(0.0, min(wanted, reach))
-        out[i, 0] = x + length * dx
-        out[i, 1] = y + length * dy
-        out[i, 2] = heading + motions[i, 2]
-        travelled[i] = sign * length
+        length = free_way(squares, col, row, dx, dy, abs(motions[i, 1] * per_cell))
+        reached[i, 0] = (col + length * dx) * resolution + frame[0]
+        reached[i, 1] = (row + length * dy) * resolution + frame[1]
+        theta = (heading + motions[i, 2] + np.pi) % (2.0 * np.pi) - np.pi
+        reached[i, 2] = -np.pi if theta >= np.pi else theta
+        carried_out[i, 0], carried_out[i, 2] = motions[i, 0], motions[i, 2]
+        carried_out[i, 1] = sign * length * resolution
 
 
 def move(
     terrain: Terrain, poses: NDArray[np.float64], motions: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """:func:`drive` in metres, without noise.
+    """:func:`drive` without noise, into new arrays.
 
     Args:
         terrain: Where the robot can be.
@@ -219,15 +253,12 @@ def move(
     Returns:
         Poses reached ``(N, 3)``, theta in [-pi, pi), and the motions carried out ``(N, 3)``.
     """
-    grid = terrain.grid
-    poses = np.asarray(poses, dtype=np.float64)
-    motions = np.broadcast_to(np.asarray(motions, dtype=np.float64), poses.shape)
-    per_cell = np.array([1.0, 1.0 / grid.resolution, 1.0])
-    in_cells = np.column_stack([grid.to_cells(poses[:, :2]), poses[:, 2]])
-    out, travelled = np.empty_like(in_cells), np.empty(len(poses))
-    drive(terrain.squares, in_cells, motions * per_cell, out, travelled)
-    reached = np.column_stack([grid.to_metres(out[:, :2]), wrap(out[:, 2])])
-    carried_out = np.column_stack([motions[:, 0], travelled * grid.resolution, motions[:, 2]])
+    poses = np.ascontiguousarray(poses, dtype=np.float64)
+    given = np.asarray(motions, dtype=np.float64)
+    if given.shape != poses.shape:
+        given = np.broadcast_to(given, poses.shape)
+    reached, carried_out = np.empty_like(poses), np.empty_like(poses)
+    drive(terrain.squares, terrain.frame, poses, np.ascontiguousarray(given), reached, carried_out)
     return reached, carried_out
 
 

@@ -25,9 +25,11 @@ LEVELS = 255  # Level q of a range is kept as the byte q + 1; 0 has not been cas
 
 
 @njit(cache=True, nogil=True)
-def cast_level(squares: NDArray[np.uint8], row: int, col: int, angle: float, reach: float) -> int:
+def cast_level(
+    squares: NDArray[np.uint8], row: int, col: int, heading: NDArray[np.float64], reach: float
+) -> int:
     """Byte of the range from a cell's centre: 1 ... LEVELS, the last if nothing is in range."""
-    z = cast_ray(squares, col + 0.5, row + 0.5, np.cos(angle), np.sin(angle), reach)
+    z = cast_ray(squares, col + 0.5, row + 0.5, heading[0], heading[1], reach)
     if z >= reach:
         return LEVELS
     return min(LEVELS - 1, 1 + int(z / reach * (LEVELS - 1)))
@@ -60,6 +62,7 @@ def look_up_beams(
     table: NDArray[np.uint8],
     index: NDArray[np.int32],
     squares: NDArray[np.uint8],
+    headings: NDArray[np.float64],
     poses: NDArray[np.float64],
     bearings: NDArray[np.float64],
     frame: NDArray[np.float64],
@@ -72,6 +75,7 @@ def look_up_beams(
         table: ``(C, D)``.
         index: ``(H, W)``.
         squares: ``(4, H + 2, W + 2)``; see :func:`activeloc.raycast.cast_ray`.
+        headings: ``(D, 2)``; cosine and sine of each direction.
         poses: ``(N, 3)`` of x, y [m] and theta [rad].
         bearings: ``(B,)`` [rad].
         frame: x and y of the map's corner [m], and cells per metre.
@@ -94,8 +98,7 @@ def look_up_beams(
                 direction -= n_directions
             level = table[cell, direction]
             if level == 0:
-                angle = 2.0 * np.pi * direction / n_directions
-                level = cast_level(squares, row, col, angle, reach)
+                level = cast_level(squares, row, col, headings[direction], reach)
                 table[cell, direction] = level
             out[i, b] = level - 1
 
@@ -130,6 +133,8 @@ class RangeTable:
         self.grid = grid
         self.z_max = z_max
         self.squares = grid.squares
+        angles = 2.0 * np.pi * np.arange(directions) / directions
+        self.headings = np.column_stack([np.cos(angles), np.sin(angles)])
         free = ~grid.blocked
         self.index = np.full(grid.shape, -1, dtype=np.int32)
         self.index[free] = np.arange(int(free.sum()), dtype=np.int32)
@@ -151,7 +156,15 @@ class RangeTable:
         bearings = np.ascontiguousarray(bearings, dtype=np.float64)
         out = np.empty((len(poses), len(bearings)), dtype=np.int32)
         look_up_beams(
-            self.table, self.index, self.squares, poses, bearings, self.frame, self.reach, out
+            self.table,
+            self.index,
+            self.squares,
+            self.headings,
+            poses,
+            bearings,
+            self.frame,
+            self.reach,
+            out,
         )
         return out
 

@@ -1,7 +1,7 @@
 """Exact ray casting through an occupancy grid.
 
 Kernels measure in cells, along the column (x) and row (y) axes; whoever calls one has checked its
-arguments, so kernels check nothing and raise nothing. :func:`cast_scan` is the same in metres.
+arguments, so kernels check nothing and raise nothing. Scans are in metres.
 
 An obstacle is a *closed* square: a beam stops at the first point that it touches, so none slips
 between two squares that meet in a corner. A beam that starts on the edge of an obstacle leaves it
@@ -136,27 +136,31 @@ def cast_ray(
 @njit(cache=True, nogil=True)
 def cast_beams(
     squares: NDArray[np.uint8],
+    frame: NDArray[np.float64],
     poses: NDArray[np.float64],
     bearings: NDArray[np.float64],
     z_max: float,
     out: NDArray[np.float64],
 ) -> None:
-    """Fill ``out[i, b]`` with the range of beam ``b`` from pose ``i``, all in cells.
+    """Fill ``out[i, b]`` with the range of beam ``b`` from pose ``i`` [m].
 
     Args:
         squares: ``(4, H + 2, W + 2)``; see :func:`cast_ray`.
-        poses: ``(N, 3)`` of column, row (continuous) and heading [rad].
+        frame: x and y of the map's corner, and its resolution [m].
+        poses: ``(N, 3)`` of x, y [m] and heading [rad].
         bearings: ``(B,)`` of beam angles relative to the heading [rad].
-        z_max: Longest range reported.
+        z_max: Longest range reported [m].
         out: ``(N, B)``, overwritten.
     """
-    cos, sin = np.cos(bearings), np.sin(bearings)
+    cos, sin, reach = np.cos(bearings), np.sin(bearings), z_max / frame[2]
     for i in range(poses.shape[0]):
-        x, y = poses[i, 0], poses[i, 1]
+        x, y = (poses[i, 0] - frame[0]) / frame[2], (poses[i, 1] - frame[1]) / frame[2]
         ahead, aside = np.cos(poses[i, 2]), np.sin(poses[i, 2])
         for b in range(bearings.shape[0]):
             dx, dy = ahead * cos[b] - aside * sin[b], aside * cos[b] + ahead * sin[b]
-            out[i, b] = cast_ray(squares, x, y, dx, dy, z_max)
+            z = cast_ray(squares, x, y, dx, dy, reach)
+            # Sensors compare with z_max, which reach * resolution may miss by a rounding.
+            out[i, b] = z_max if z >= reach else z * frame[2]
 
 
 def cast_scan(
@@ -170,12 +174,9 @@ def cast_scan(
         bearings: ``(B,)`` of beam angles relative to the heading [rad].
         z_max: Longest range reported [m].
     """
-    poses = np.asarray(poses, dtype=np.float64)
-    flat = poses.reshape(-1, 3)
-    in_cells = np.column_stack([grid.to_cells(flat[:, :2]), flat[:, 2]])
-    out = np.empty((len(flat), len(bearings)))
+    poses = np.ascontiguousarray(poses, dtype=np.float64)
     bearings = np.ascontiguousarray(bearings, dtype=np.float64)
-    cast_beams(grid.squares, in_cells, bearings, z_max / grid.resolution, out)
-    # Sensors compare with z_max, which (z_max / resolution) * resolution may miss by a rounding.
-    out = np.where(out >= z_max / grid.resolution, z_max, out * grid.resolution)
-    return out.reshape(*poses.shape[:-1], len(bearings))
+    out = np.empty((*poses.shape[:-1], len(bearings)))
+    flat = out.reshape(-1, len(bearings))
+    cast_beams(grid.squares, grid.frame, poses.reshape(-1, 3), bearings, z_max, flat)
+    return out

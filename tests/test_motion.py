@@ -12,9 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2, norm
 
+from activeloc.free_squares import free_squares
 from activeloc.grid import OccupancyGrid
 from activeloc.maps.text import from_text
-from activeloc.motion import MARGIN, MotionModel, MotionNoise, Terrain, move, wrap
+from activeloc.motion import MARGIN, MotionModel, MotionNoise, Terrain, free_way, move, wrap
+from activeloc.raycast import cast_ray
 
 STILL = MotionNoise()
 N = 200_000
@@ -356,3 +358,40 @@ def test_gauss_of_a_long_drive_is_cut_where_the_wall_is():
     tolerance = 5 * sqrt(p * (1 - p) / N)
     assert (shortfall > 1e-5).mean() == pytest.approx(p, abs=tolerance)
     assert (np.abs(reached[:, 0] - 16.0) < 1e-5).mean() == pytest.approx(p, abs=tolerance)
+
+
+# --- ways ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_where_there_is_room_the_way_is_free(seed):
+    """Not casting a ray changes nothing, for ways a little longer or shorter than the room."""
+    rng = np.random.default_rng(seed)
+    squares = free_squares(rng.random((40, 60)) < 0.01)
+    skipped = 0
+    for _ in range(4_000):
+        col, row, heading = rng.uniform(-2, 62), rng.uniform(-2, 42), rng.uniform(-pi, pi)
+        if rng.random() < 0.4:
+            col, row = np.round(col), np.round(row)
+        if rng.random() < 0.3:
+            heading = rng.integers(-2, 3) * pi / 2
+        dx, dy = np.cos(heading), np.sin(heading)
+        quadrant = (dx <= 0.0) + 2 * (dy <= 0.0)
+        inside = 0 <= col < 60 and 0 <= row < 40
+        side = float(squares[quadrant, int(row) + 1, int(col) + 1]) if inside else 0.0
+        wanted = max(0.0, side + rng.uniform(-2.0, 1.5))
+        reach = cast_ray(squares, col, row, dx, dy, wanted + 2.0 * MARGIN) - MARGIN
+        assert free_way(squares, col, row, dx, dy, wanted) == max(0.0, min(wanted, reach))
+        skipped += side - 1.0 > wanted + 2.0 * MARGIN
+    assert skipped > 400
+
+
+def test_the_edge_of_a_wall_is_not_taken_for_room():
+    """On the line between a wall and open ground, along it: the closed square stops the robot."""
+    blocked = np.zeros((12, 12), dtype=bool)
+    blocked[:, 5] = True
+    squares = free_squares(blocked)
+    for heading in (pi / 2, -pi / 2):
+        d = np.cos(heading), np.sin(heading)
+        assert free_way(squares, 6.0, 6.5, *d, 2.0) == 0.0
+        assert free_way(squares, 6.0 + 1e-6, 6.5, *d, 2.0) == 2.0

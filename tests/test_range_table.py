@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from activeloc.beliefs.particle_kernels import weigh_by_table
+from activeloc.beliefs.particle_weighing import weigh_by_table
 from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import wrap
@@ -154,8 +154,8 @@ def test_weights_by_the_table_are_the_slow_sum_over_its_levels(directions, warm)
     if warm:
         table.levels(poses[::2], BEARINGS)
     weigh_by_table(
-        table.table, table.index, table.squares, table.frame, table.reach, poses, BEARINGS, log_p,
-        log_w,
+        table.table, table.index, table.squares, table.headings, table.frame, table.reach,
+        poses, BEARINGS, log_p, log_w,
     )  # fmt: skip
     added = np.take_along_axis(log_p.astype(np.float64), levels.T, axis=1).sum(axis=0)
     np.testing.assert_allclose(log_w, before + added, atol=1e-5)
@@ -171,8 +171,8 @@ def test_weighing_reads_the_direction_that_a_beam_looks_in():
     poses = np.column_stack([np.full(8, 3.2), np.full(8, 1.7), theta])
     log_w = np.zeros(8)
     weigh_by_table(
-        table.table, table.index, table.squares, table.frame, table.reach, poses, np.zeros(1),
-        log_p, log_w,
+        table.table, table.index, table.squares, table.headings, table.frame, table.reach,
+        poses, np.zeros(1), log_p, log_w,
     )  # fmt: skip
     east, north, west, south = levels_of(np.array([5.5, 3.5, 3.5, 1.5]), 10.0)
     np.testing.assert_allclose(log_w, [east, north, west, south, west, east, east, north], atol=1)
@@ -186,7 +186,7 @@ def test_every_heading_and_bearing_finds_a_direction(theta, bearing):
     pose, log_w = np.array([[0.31, 0.93, theta]]), np.zeros(1)
     log_p = np.arange(LEVELS, dtype=np.float32)[None]
     weigh_by_table(
-        table.table, table.index, table.squares, table.frame, table.reach, pose,
+        table.table, table.index, table.squares, table.headings, table.frame, table.reach, pose,
         np.array([bearing]), log_p, log_w,
     )  # fmt: skip
     # At the edge between two directions either may be meant.

@@ -21,7 +21,7 @@ which is taken to be uniform still.
 
 from __future__ import annotations
 
-from math import inf
+from math import exp, inf, log, log1p
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,9 @@ GIVEN_UP = 0.25
 """Share of ``widen`` under which it is no longer looked for everywhere."""
 
 
-def take_in(model: MonteCarlo, cloud: Cloud, scan: Counted, log_w: NDArray[np.float64]) -> float:
+def take_in(
+    model: MonteCarlo, cloud: Cloud, scan: Counted, log_w: NDArray[np.float64]
+) -> tuple[float, float]:
     """Give the particles their weights after a scan, and let newcomers join them.
 
     Args:
@@ -48,32 +50,41 @@ def take_in(model: MonteCarlo, cloud: Cloud, scan: Counted, log_w: NDArray[np.fl
         log_w: ``(N,)``; their weights after it, on the cloud's scale. Overwritten.
 
     Returns:
-        The scan's log-evidence; -inf if nothing explains it.
+        The scan's log-evidence, and what it would be if nobody could be carried off; -inf if
+        nothing explains it.
     """
     cloud.normalised()
-    before, poses, log_new = cloud.log_total, np.empty((0, 3)), np.empty(0)
+    before, poses, log_new, log_stay = cloud.log_total, np.empty((0, 3)), -inf, 0.0
+    top = float(log_w.max())
+    w = np.exp(log_w - top) if top > -inf else np.zeros_like(log_w)
+    kept, everyone = float(w[: cloud.n_kept].sum()), float(w.sum())
     if model.leak > 0.0 and scan.weights.any():
-        with np.errstate(divide="ignore"):
-            log_w += np.log1p(-model.leak)
+        log_stay = log1p(-model.leak) if model.leak < 1.0 else -inf
         for tried in (model.config.n_elsewhere, model.config.n_start):
             poses, log_new = newcomers(model, cloud, scan, tried)
-            if len(poses) or log_w.max() > -inf:
+            if len(poses) or top + log_stay > -inf:
                 break
-        log_new = log_new + before
-    log_kept = log_sum(log_w[: cloud.n_kept])
-    after = float(np.logaddexp(log_kept, log_sum(np.append(log_w[cloud.n_kept :], log_new))))
-    if after == -inf:
-        return -inf
+        log_new += before
+    stayed, peak = top + log(everyone) - before if everyone else -inf, max(top + log_stay, log_new)
+    if peak == -inf:
+        return -inf, stayed
     if model.leak > 0.0:
-        cloud.past.read(scan, log_kept)
-    cloud.join(poses, np.append(log_w, log_new))
-    return after - before
+        cloud.past.read(scan, top + log_stay + log(kept) if kept else -inf)
+    w *= exp(top + log_stay - peak)
+    log_w += log_stay
+    n = len(poses)
+    if n:
+        cloud.poses = np.concatenate([cloud.poses, poses])
+        w = np.concatenate([w, np.full(n, exp(log_new - peak))])
+        log_w = np.concatenate([log_w, np.full(n, log_new)])
+    cloud.weigh(log_w, w, peak)
+    return cloud.log_total - before, stayed
 
 
 def newcomers(
     model: MonteCarlo, cloud: Cloud, scan: Counted, tried: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where a robot may just have been carried ``(n, 3)``, with logarithmic weights ``(n,)``.
+) -> tuple[NDArray[np.float64], float]:
+    """Where a robot may just have been carried ``(n, 3)``, and the logarithm of each one's weight.
 
     What leaks out of a belief of mass one is spread over the open ground and weighed by the scan,
     and what is left of it is drawn as a few particles of equal weight.
@@ -87,12 +98,11 @@ def newcomers(
     poses = spread_poses(cloud.ground.terrain, tried, cloud.rng)
     log_p = np.zeros(tried)
     model.weigh(cloud, poses, scan, log_p)
-    evidence = log_sum(log_p) - float(np.log(tried))
+    evidence = log_sum(log_p) - log(tried)
     if evidence == -inf:
-        return np.empty((0, 3)), np.empty(0)
+        return np.empty((0, 3)), -inf
     n = max(1, tried // TRIED_PER_NEWCOMER)
-    log_w = float(np.log(model.leak)) + evidence - float(np.log(n))
-    return poses[drawn_by(log_p, n, cloud.rng)], np.full(n, log_w)
+    return poses[drawn_by(log_p, n, cloud.rng)], log(model.leak) + evidence - log(n)
 
 
 def search(model: MonteCarlo, cloud: Cloud) -> None:
@@ -146,7 +156,7 @@ def _found(model: MonteCarlo, cloud: Cloud) -> tuple[Cloud, float]:
         model.weigh(found, found.poses, step.scan, log_w)
         poses, log_new = newcomers(model, found, step.scan, n // 4)
         both = np.logaddexp(log_kept, log_found)
-        log_w = np.append(log_w + (log_found + stay), log_new + both)
+        log_w = np.append(log_w + (log_found + stay), np.full(len(poses), log_new + both))
         if log_w.max() == -inf:  # An impossible scan is no evidence.
             continue
         found.join(poses, log_w)

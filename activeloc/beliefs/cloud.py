@@ -5,31 +5,20 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from math import inf
+from math import inf, log
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
-from activeloc.beliefs import particle_kernels as kernels
 from activeloc.beliefs.common_bins import CommonBins, entropy
+from activeloc.beliefs.particle_bins import bin_weights
+from activeloc.beliefs.particle_motion import spread
 from activeloc.beliefs.particle_past import Past
 from activeloc.beliefs.place import PlaceMemory
 from activeloc.beliefs.recovery import RunningMeans
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import Terrain
 from activeloc.range_table import RangeTable
-
-# Standard normal numbers of equal probability: noise is drawn as their 16-bit index, which costs a
-# third of drawing it by the ziggurat and is exact to 2^-16 in probability.
-_NORMALS = ndtri((np.arange(65536) + 0.5) / 65536.0)
-NORMALS = np.asarray(_NORMALS / _NORMALS.std(), dtype=np.float32)
-
-
-def normals(rng: np.random.Generator, *shape: int) -> NDArray[np.float32]:
-    """Standard normal numbers, to 16 bits."""
-    drawn = np.frombuffer(rng.bytes(2 * int(np.prod(shape))), dtype=np.uint16)
-    return NORMALS[drawn].reshape(shape)
 
 
 def spread_poses(terrain: Terrain, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -39,8 +28,7 @@ def spread_poses(terrain: Terrain, n: int, rng: np.random.Generator) -> NDArray[
     strata of the open area, headings by the golden section.
     """
     poses = np.empty((n, 3))
-    frame = np.array([*terrain.grid.origin, terrain.grid.resolution])
-    kernels.spread(terrain.open_cells, frame, rng.random((n, 3)), rng.random(), poses)
+    spread(terrain.open_cells, terrain.frame, rng.random((n, 3)), rng.random(), poses)
     return poses
 
 
@@ -136,7 +124,7 @@ class Cloud:
     @property
     def elsewhere(self) -> float:
         """Probability that the robot has been carried off."""
-        return float(self.normalised()[self.n_kept :].sum())
+        return min(1.0, float(self.normalised()[self.n_kept :].sum()))
 
     def join(
         self, poses: NDArray[np.float64], log_w: NDArray[np.float64], first: int | None = None
@@ -151,6 +139,19 @@ class Cloud:
         if len(poses) or first is not None:
             self.poses = np.concatenate([self.poses[:first], poses])
         self.log_w, self.weights, self.masses = log_w, None, None
+
+    def weigh(self, log_w: NDArray[np.float64], weights: NDArray[np.float64], top: float) -> None:
+        """Take in new weights of everyone.
+
+        Args:
+            log_w: ``(N,)``.
+            weights: ``(N,)`` of exp(log_w - top); normalised in place.
+            top: Taken out of the logarithms.
+        """
+        total = float(weights.sum())
+        weights *= 1.0 / total
+        self.log_w, self.weights, self.masses = log_w, weights, None
+        self.log_total = top + log(total)
 
     def of(self, poses: NDArray[np.float64], log_w: NDArray[np.float64]) -> Cloud:
         """Other particles on the same map, with the same source of noise."""
@@ -176,7 +177,7 @@ class Cloud:
         """:meth:`binned` afresh; ``index (N,)`` is filled with each particle's bin."""
         out = np.zeros(len(self.ground.bins))
         ground = self.ground
-        kernels.bin_weights(self.poses, self.normalised(), ground.corner, ground.shape, out, index)
+        bin_weights(self.poses, self.normalised(), ground.corner, ground.shape, out, index)
         return out
 
     def copy(self) -> Cloud:

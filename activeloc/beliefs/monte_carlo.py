@@ -6,17 +6,19 @@ Thrun, Burgard & Fox, *Probabilistic Robotics* (2005), tables 8.2 and 8.3.
 from __future__ import annotations
 
 from functools import cached_property
-from math import inf
+from math import hypot, inf, log
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from activeloc.beliefs import particle_kernels as kernels
-from activeloc.beliefs.cloud import Cloud, normals, spread_poses
+from activeloc.beliefs.cloud import Cloud, spread_poses
+from activeloc.beliefs.particle_bins import allocate, roughen, shares
+from activeloc.beliefs.particle_motion import NORMALS, drive, noise, touch, turn
 from activeloc.beliefs.particle_past import Counted
-from activeloc.beliefs.resampling import SCHEMES
-from activeloc.beliefs.sample_size import draw_until, effective_states
+from activeloc.beliefs.particle_weighing import weigh_by_rows, weigh_by_table
+from activeloc.beliefs.resampling import SCHEMES, comb
+from activeloc.beliefs.sample_size import draw_until
 from activeloc.beliefs.settings import ParticleConfig
 from activeloc.motion import MotionModel, move, slipped
 from activeloc.range_table import level_ranges, levels_of
@@ -26,7 +28,7 @@ from activeloc.sensors.readings import ExpectedRangeSensor, rays_of, widened
 
 def drawn_by(log_p: NDArray[np.float64], n: int, rng: np.random.Generator) -> NDArray[np.intp]:
     """Indices ``(n,)``, drawn systematically in proportion to exp of ``log_p (N,)``."""
-    return SCHEMES["systematic"](np.exp(log_p - log_p.max()), n, rng.random(1))
+    return comb(np.exp(log_p - log_p.max()).cumsum(), n, rng.random())
 
 
 class MonteCarlo:
@@ -70,42 +72,31 @@ class MonteCarlo:
             u: ``(3,)`` odometry reading: rotation [rad], translation [m], rotation [rad].
             contact: Whether the robot has felt an obstacle, and it is news.
         """
-        sigma = self.motion.odometry.sigma(u)
-        n = len(cloud.poses)
-        cloud.masses = None
-        slipping = cloud.rng.integers(0, n, int(self.config.slip * n + cloud.rng.random()))
+        sigma, ground = self.motion.odometry.sigma(u), cloud.ground
+        n, rng, cloud.masses = len(cloud.poses), cloud.rng, None
+        slipping = rng.integers(0, n, int(self.config.slip * n + rng.random()))
         before, weighed = cloud.poses[slipping], cloud.log_w[slipping]
         if u[1] == 0.0 and sigma[1] == 0.0:
-            spread = float(np.hypot(sigma[0], sigma[2]))
-            kernels.turn(cloud.poses, float(u[0] + u[2]), spread, normals(cloud.rng, n))
+            angle, spread = float(u[0] + u[2]), hypot(sigma[0], sigma[2])
+            turn(cloud.poses, angle, spread, noise(rng, n), NORMALS)
         else:
-            if u[0] != 0.0 or sigma[0] > 0.0:
-                kernels.turn(cloud.poses, float(u[0]), float(sigma[0]), normals(cloud.rng, n))
-            self._drive(cloud, u, sigma)
-        if len(slipping):
-            motions = slipped(u, cloud.rng.random((len(slipping), 2)))
-            cloud.poses[slipping] = move(cloud.ground.terrain, before, motions)[0]
-            cloud.log_w[slipping] = weighed  # They drove another way than the one cut short.
-        if contact and self.config.contact_floor < 1.0:
-            ground = cloud.ground
-            kernels.touch(
-                ground.terrain.squares, ground.terrain.room, ground.frame, cloud.poses,
-                self.config.contact_reach, cloud.log_w, float(np.log(self.config.contact_floor)),
+            # A tenth of the way, or five centimetres, may be missing: the odometry is noisy too.
+            slack = max(0.05, 0.1 * abs(float(u[1])))
+            drive(
+                ground.terrain.squares, ground.frame, cloud.poses, u, sigma, noise(rng, n, 3),
+                NORMALS, cloud.log_w, slack, log(self.config.odometry_floor),
             )  # fmt: skip
             cloud.weights = None
-
-    def _drive(self, cloud: Cloud, u: NDArray[np.float64], sigma: NDArray[np.float64]) -> None:
-        """Travel and the second rotation."""
-        ground = cloud.ground
-        theta = cloud.poses[:, 2].astype(np.float32)
-        # A tenth of the way, or five centimetres, may be missing: the odometry is noisy too.
-        slack = max(0.05, 0.1 * abs(float(u[1])))
-        kernels.drive(
-            ground.terrain.squares, ground.terrain.room, ground.frame, cloud.poses, u, sigma,
-            normals(cloud.rng, len(theta), 2), np.cos(theta), np.sin(theta), cloud.log_w, slack,
-            float(np.log(self.config.odometry_floor)),
-        )  # fmt: skip
-        cloud.weights = None
+        if len(slipping):
+            motions = slipped(u, rng.random((len(slipping), 2)))
+            cloud.poses[slipping] = move(ground.terrain, before, motions)[0]
+            cloud.log_w[slipping] = weighed  # They drove another way than the one cut short.
+        if contact and self.config.contact_floor < 1.0:
+            touch(
+                ground.terrain.squares, ground.frame, cloud.poses, self.config.contact_reach,
+                cloud.log_w, log(self.config.contact_floor),
+            )  # fmt: skip
+            cloud.weights = None
 
     def weigh(
         self, cloud: Cloud, poses: NDArray[np.float64], scan: Counted, log_w: NDArray[np.float64]
@@ -114,13 +105,13 @@ class MonteCarlo:
         table, law = cloud.table, self._law
         if table is None or law is None:
             rows, log_p = self.rows(cloud, poses)
-            kernels.weigh_by_rows(log_w, rows, log_p, scan.readings, scan.weights)
+            weigh_by_rows(log_w, rows, log_p, scan.readings, scan.weights)
             return
         counts = (scan.readings >= 0) & (scan.weights > 0.0)
         read = law[scan.readings[counts]] * scan.weights[counts, None]
-        kernels.weigh_by_table(
-            table.table, table.index, table.squares, table.frame, table.reach, poses,
-            self.sensor.bearings[counts], read.astype(np.float32), log_w,
+        weigh_by_table(
+            table.table, table.index, table.squares, table.headings, table.frame, table.reach,
+            poses, self.sensor.bearings[counts], read.astype(np.float32), log_w,
         )  # fmt: skip
 
     def rows(
@@ -161,74 +152,65 @@ class MonteCarlo:
         followed by more of them than its share, so that its evidence is known better and the truth
         does not die out among like places. The belief is the same.
         """
-        index = np.empty(len(cloud.poses), dtype=np.int32)
-        cloud.masses = cloud.bin(index)
-        weights, redrawn = cloud.normalised(), False
-        drawn: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+        cloud.masses, drawn = np.zeros(len(cloud.ground.bins)), []
+        redrawn = False
         for part in cloud.parts:
-            total = float(weights[part].sum())
-            if total == 0.0:
-                redrawn = True
-                continue
-            chosen = self._redraw(cloud, part, weights[part], index[part], always)
-            if chosen is None:
-                drawn.append((cloud.poses[part], weights[part]))
-                continue
-            redrawn = True
-            survivors, w = chosen
-            out, n = np.empty((len(survivors), 3)), len(survivors)
-            kernels.roughen(
-                cloud.ground.terrain.open, cloud.ground.frame, cloud.poses[part], survivors,
-                normals(cloud.rng, n, 3), self.config.roughening_xy, self.config.roughening_theta,
-                out,
-            )  # fmt: skip
-            drawn.append((out, w * (total / w.sum())))
+            survivors = self._redraw(cloud, part, always)
+            redrawn = redrawn or survivors is not None
+            if survivors is None:
+                survivors = cloud.poses[part], cloud.normalised()[part]
+            drawn.append(survivors)
         if redrawn:
             cloud.n_kept = len(drawn[0][0])
             cloud.poses = np.concatenate([poses for poses, _ in drawn])
             cloud.weights = np.concatenate([w for _, w in drawn])
-            cloud.log_w, cloud.log_total = np.log(cloud.weights), 0.0
+            with np.errstate(divide="ignore"):
+                cloud.log_w, cloud.log_total = np.log(cloud.weights), 0.0
 
     def _redraw(
-        self,
-        cloud: Cloud,
-        part: slice,
-        weights: NDArray[np.float64],
-        index: NDArray[np.int32],
-        always: bool,
-    ) -> tuple[NDArray[np.intp], NDArray[np.float64]] | None:
-        """Survivors ``(n,)`` of a part of the cloud and their weights, or None to leave it alone.
+        self, cloud: Cloud, part: slice, always: bool
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Survivors ``(n, 3)`` of a part of the cloud and their weights, or None to leave it alone.
 
         Args:
-            cloud: The particles.
+            cloud: The particles; the part's masses are added to its own.
             part: Which of them.
-            weights: ``(N,)``, of the part.
-            index: ``(N,)``; common bin of each.
             always: Whether to draw even if the effective sample size is large.
         """
-        n, a, bins = len(weights), self.config.allocation, len(cloud.ground.bins)
-        masses = np.bincount(index, weights, minlength=bins)
-        held = np.flatnonzero(masses > 0.0)  # Of booleans it is much faster.
-        factor = np.ones(bins)
-        factor[held] = masses[held] ** (a - 1.0)
-        wheel = np.empty(n)
-        squares = kernels.wheel_of(weights, index, factor, wheel)
-        few = part.start > 0 and not cloud.searching
-        most = self.config.n_max
-        if few:
-            most = min(most, self.config.n_elsewhere)
-        even = wheel[-1] ** 2 >= self.config.ess_ratio * n * squares
+        ground, config = cloud.ground, self.config
+        poses, weights = cloud.poses[part], cloud.normalised()[part]
+        n, bins = len(weights), len(ground.bins)
+        index, wheel = np.empty(n, dtype=np.int32), np.empty(n)
+        masses, factor = np.zeros(bins), np.zeros(bins)
+        mass, squares, states = allocate(
+            poses, weights, ground.corner, ground.shape, config.allocation, index, masses, factor,
+            wheel,
+        )  # fmt: skip
+        if mass == 0.0:
+            return np.empty((0, 3)), np.empty(0)
+        assert cloud.masses is not None
+        cloud.masses += masses
+        most = config.n_max
+        if part.start > 0 and not cloud.searching:
+            most = min(most, config.n_elsewhere)
+        even = wheel[-1] ** 2 >= config.ess_ratio * n * squares
         if not always and even and n <= 2 * most:
             return None
-        chosen = self._choose(cloud, part, wheel, masses / masses.sum(), most)
-        return chosen, 1.0 / factor[index[chosen]]
+        chosen = self._choose(cloud, poses, wheel, states, most)
+        out, w = np.empty((len(chosen), 3)), np.empty(len(chosen))
+        roughen(
+            ground.terrain.open, ground.frame, poses, chosen, noise(cloud.rng, len(chosen), 3),
+            NORMALS, config.roughening_xy, config.roughening_theta, out,
+        )  # fmt: skip
+        shares(chosen, index, factor, mass, w)
+        return out, w
 
     def _choose(
         self,
         cloud: Cloud,
-        part: slice,
+        poses: NDArray[np.float64],
         wheel: NDArray[np.float64],
-        masses: NDArray[np.float64],
+        states: float,
         most: int,
     ) -> NDArray[np.intp]:
         """Indices of the survivors, by cumulative weights; ``most`` bounds their number."""
@@ -238,11 +220,12 @@ class MonteCarlo:
             bins = cloud.ground.kld_bins
             out = np.empty(most, dtype=np.intp)
             n = draw_until(
-                wheel, bins.index(cloud.poses[part]), cloud.rng.random(most),
+                wheel, bins.index(poses), cloud.rng.random(most),
                 float(ndtri(config.kld_confidence)), config.kld_error, least,
                 np.zeros(len(bins), dtype=np.bool_), out,
             )  # fmt: skip
             return out[:n]
-        wanted = config.per_state * effective_states(masses, config.allocation)
-        n = int(np.clip(wanted, least, most))
+        n = int(min(max(config.per_state * states, least), most))
+        if config.resampling == "systematic":
+            return comb(wheel, n, cloud.rng.random())
         return SCHEMES[config.resampling](np.diff(wheel, prepend=0.0), n, cloud.rng.random(n))

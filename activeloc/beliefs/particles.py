@@ -12,18 +12,20 @@ particles are faster and lie; the choice is the user's.
 from __future__ import annotations
 
 from copy import copy
-from math import inf
+from math import exp, inf
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activeloc.beliefs import NEAR_ANGLE, NEAR_RADIUS, Summary
-from activeloc.beliefs import particle_kernels as kernels
 from activeloc.beliefs.carried_off import search, take_in
-from activeloc.beliefs.cloud import Cloud, Ground, ground_of, log_sum, spread_poses
-from activeloc.beliefs.common_bins import CommonBins, entropy
+from activeloc.beliefs.cloud import Cloud, Ground, ground_of, spread_poses
+from activeloc.beliefs.common_bins import CommonBins
 from activeloc.beliefs.monte_carlo import MonteCarlo
+from activeloc.beliefs.particle_bins import bin_weights
+from activeloc.beliefs.particle_motion import NORMALS, turn
 from activeloc.beliefs.particle_past import Counted
+from activeloc.beliefs.particle_summary import localise, peak
 from activeloc.beliefs.place import PlaceMemory
 from activeloc.beliefs.recovery import RunningMeans
 from activeloc.beliefs.resampling import SCHEMES
@@ -95,7 +97,7 @@ class ParticleBelief:
         poses = np.array(poses, dtype=np.float64)
         if poses.ndim != 2 or poses.shape[1] != 3 or not poses.size or not np.isfinite(poses).all():
             raise ConfigError(f"poses must be (N, 3) finite numbers, N >= 1; got {poses.shape}")
-        kernels.turn(poses, 0.0, 0.0, np.zeros(len(poses), dtype=np.float32))  # Into [-pi, pi).
+        turn(poses, 0.0, 0.0, np.zeros(len(poses), dtype=np.uint16), NORMALS)  # Into [-pi, pi).
         table = None
         thin = isinstance(self.sensor, ExpectedRangeSensor) and len(self.sensor.cone) == 1
         if thin and self.config.directions:
@@ -218,16 +220,14 @@ class ParticleBelief:
         weights[valid] = cloud.place.weigh(self.sensor.bearings[valid])
         counted = Counted(readings, weights)
         log_w = cloud.log_w.copy()
-        cloud.normalised()
         self.model.weigh(cloud, cloud.poses, counted, log_w)
-        stayed = log_sum(log_w) - cloud.log_total
-        evidence = take_in(self.model, cloud, counted, log_w)
+        evidence, stayed = take_in(self.model, cloud, counted, log_w)
         if evidence == -inf:
             return -inf
         cloud.place.read(self.sensor.bearings[valid])
         # Scans of which more readings count are less likely, whatever the belief.
         n = float(weights.sum())
-        share = cloud.means.add(float(np.exp(stayed / n))) if n else 0.0
+        share = cloud.means.add(exp(stayed / n)) if n else 0.0
         if self.config.recovery == "augmented" and share > 0.0:
             self.model.inject(cloud, share, counted)
         else:
@@ -238,39 +238,16 @@ class ParticleBelief:
     def summarise(self, robot: int) -> Summary:
         """See :class:`Belief`."""
         cloud = self._cloud(robot)
-        ground = cloud.ground
-        masses = cloud.binned()
-        pose = ground.bins.centres(np.array([masses.argmax()]))[0]
-        chosen = np.empty(len(cloud.poses), dtype=np.int32)
-        n = kernels.within(cloud.poses, pose[0], pose[1], 3.0 * NEAR_RADIUS, chosen)
-        moments = np.empty(4)
-        for _ in range(3):
-            self._moments(cloud, chosen[:n], pose, moments)
-            if moments[0] == 0.0:
-                break
-            pose = pose + moments[1:] / moments[0]
-            pose[2] = wrap(pose[2])
-        self._moments(cloud, chosen[:n], pose, moments)
-        mass = min(1.0, float(moments[0]))
-        return Summary(entropy(masses), ground.uniform_entropy, pose, mass)
-
-    def _moments(
-        self,
-        cloud: Cloud,
-        chosen: NDArray[np.int32],
-        pose: NDArray[np.float64],
-        out: NDArray[np.float64],
-    ) -> None:
-        kernels.local_moments(
-            cloud.poses, cloud.normalised(), chosen, pose, NEAR_RADIUS, NEAR_ANGLE, out
-        )
+        best, entropy = peak(cloud.binned())
+        pose = cloud.ground.bins.centres(np.array([best]))[0]
+        mass = localise(cloud.poses, cloud.normalised(), pose, NEAR_RADIUS, NEAR_ANGLE, 3)
+        return Summary(entropy, cloud.ground.uniform_entropy, pose, min(1.0, mass))
 
     def mass_near(self, robot: int, pose: NDArray[np.float64]) -> float:
         """See :class:`Belief`."""
-        cloud, moments = self._cloud(robot), np.empty(4)
-        everyone = np.arange(len(cloud.poses), dtype=np.int32)
-        self._moments(cloud, everyone, np.asarray(pose, dtype=np.float64), moments)
-        return min(1.0, float(moments[0]))
+        cloud, at = self._cloud(robot), np.array(pose, dtype=np.float64)
+        mass = localise(cloud.poses, cloud.normalised(), at, NEAR_RADIUS, NEAR_ANGLE, 0)
+        return min(1.0, mass)
 
     def view(self, robot: int, headings: int, rows: int, cols: int) -> NDArray[np.float64]:
         """See :class:`Belief`."""
@@ -278,7 +255,7 @@ class ParticleBelief:
         left, bottom, pixel = view_frame(cloud.ground.grid, rows, cols)
         corner, shape = np.array([left, bottom, 1.0 / pixel]), (rows, cols, headings)
         out, unused = np.zeros(rows * cols * headings), np.empty(0, dtype=np.int32)
-        kernels.bin_weights(cloud.poses, cloud.normalised(), corner, shape, out, unused)
+        bin_weights(cloud.poses, cloud.normalised(), corner, shape, out, unused)
         return np.ascontiguousarray(out.reshape(rows * cols, headings).T).reshape(
             headings, rows, cols
         )

@@ -20,7 +20,7 @@ Scheme = Callable[[NDArray[np.float64], int, NDArray[np.float64]], NDArray[np.in
 
 
 @njit(cache=True, nogil=True)
-def _comb(
+def _walk(
     wheel: NDArray[np.float64], pointers: NDArray[np.float64], last: int, out: NDArray[np.intp]
 ) -> None:
     """:func:`_pick` for pointers that ascend: one walk along the wheel.
@@ -39,6 +39,32 @@ def _comb(
         out[k] = i
 
 
+@njit(cache=True, nogil=True)
+def _walk_evenly(
+    wheel: NDArray[np.float64], start: float, last: int, out: NDArray[np.intp]
+) -> None:
+    """:func:`_walk` for the n pointers ``(start + k) / n``."""
+    i, n, total = 0, out.shape[0], wheel[-1]
+    for k in range(n):
+        at = (start + k) / n * total
+        while i < last and wheel[i] <= at:
+            i += 1
+        out[k] = i
+
+
+def comb(wheel: NDArray[np.float64], n: int, start: float) -> NDArray[np.intp]:
+    """Indices ``(n,)`` under a comb of n teeth on a wheel of cumulative weights ``(N,)``.
+
+    Args:
+        wheel: Not falling, its last value positive.
+        n: Teeth.
+        start: In [0, 1); the first tooth, in their distance.
+    """
+    out = np.empty(n, dtype=np.intp)
+    _walk_evenly(wheel, start, _last(wheel), out)
+    return out
+
+
 def _pick(weights: NDArray[np.float64], pointers: NDArray[np.float64]) -> NDArray[np.intp]:
     """Index of the particle whose share of the wheel holds each pointer in [0, 1).
 
@@ -54,7 +80,7 @@ def _pick_ascending(
 ) -> NDArray[np.intp]:
     wheel = np.asarray(weights, dtype=np.float64).cumsum()
     out = np.empty(len(pointers), dtype=np.intp)
-    _comb(wheel, pointers, _last(wheel), out)
+    _walk(wheel, pointers, _last(wheel), out)
     return out
 
 
@@ -67,7 +93,7 @@ def systematic(
     weights: NDArray[np.float64], n: int, uniforms: NDArray[np.float64]
 ) -> NDArray[np.intp]:
     """One comb of n teeth: offspring within one of ``n w``. Uses ``uniforms[0]``."""
-    return _pick_ascending(weights, (uniforms[0] + np.arange(n)) / n)
+    return comb(np.asarray(weights, dtype=np.float64).cumsum(), n, float(uniforms[0]))
 
 
 def stratified(

@@ -33,15 +33,20 @@ def wilson_hilferty(k: int, z: float, error: float) -> float:
     return df / (2.0 * error) * cube * cube * cube
 
 
+@njit(cache=True, nogil=True)
 def effective_states(p: NDArray[np.float64], order: float = 1.0) -> float:
     """Exp of Rényi's entropy of an order in (0, 1]; at 1 it is Shannon's.
 
     ``(sum p^a)^(1 / (1 - a))``: the lower the order, the more the unlikely states count.
     """
-    positive = p[p > 0.0]
-    if order == 1.0:
-        return float(np.exp(-(positive * np.log(positive)).sum()))
-    return float((positive**order).sum() ** (1.0 / (1.0 - order)))
+    shannon, powers = 0.0, 0.0
+    for k in range(p.shape[0]):
+        if p[k] > 0.0:
+            if order == 1.0:
+                shannon -= p[k] * np.log(p[k])
+            else:
+                powers += p[k] ** order
+    return np.exp(shannon) if order == 1.0 else powers ** (1.0 / (1.0 - order))
 
 
 def kld_count(k: int, error: float, confidence: float) -> int:

@@ -4,15 +4,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from math import ceil
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from activeloc import checks
 from activeloc.errors import ConfigError, ScanError
 from activeloc.grid import OccupancyGrid
 from activeloc.raycast import cast_scan
+
+
+@njit(cache=True, nogil=True)
+def _index(scan: NDArray[np.float64], z_max: float, n_bins: int, out: NDArray[np.int32]) -> None:
+    """Fill ``out`` with :meth:`ReadingBins.index` of each reading."""
+    step = z_max / (n_bins - 1)
+    for i in range(scan.shape[0]):
+        if np.isnan(scan[i]):
+            out[i] = -1
+        elif scan[i] >= z_max:
+            out[i] = n_bins - 1
+        else:
+            out[i] = min(int(scan[i] / step), n_bins - 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,19 +56,17 @@ class ReadingBins:
     @property
     def edges(self) -> NDArray[np.float64]:
         """Edges of the bins below ``z_max``: ``(Z,)`` from 0 to ``z_max`` [m]."""
-        return np.linspace(0.0, self.z_max, int(np.ceil(self.z_max / self.width - 1e-9)) + 1)
+        return np.linspace(0.0, self.z_max, len(self))
 
     def __len__(self) -> int:
-        return len(self.edges)
+        return ceil(self.z_max / self.width - 1e-9) + 1
 
     def index(self, scan: NDArray[np.float64]) -> NDArray[np.int32]:
         """Bin of each reading, -1 for "no reading" (NaN): an array like ``scan``."""
-        z = np.asarray(scan, dtype=np.float64)
-        step = self.z_max / (len(self) - 1)
-        known = np.where(np.isnan(z), 0.0, np.minimum(z, self.z_max))
-        below = np.minimum((known / step).astype(np.int32), len(self) - 2)
-        bins = np.where(known >= self.z_max, len(self) - 1, below)
-        return np.where(np.isnan(z), -1, bins).astype(np.int32)
+        z = np.ascontiguousarray(scan, dtype=np.float64)
+        out = np.empty(z.shape, dtype=np.int32)
+        _index(z.reshape(-1), self.z_max, len(self), out.reshape(-1))
+        return out
 
     def shares(self, others: ReadingBins) -> NDArray[np.float64]:
         """``(Z - 1, Z' - 1)``; share of each bin below ``z_max`` that lies in each of the others.

@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from activeloc.beliefs import particle_kernels as kernels
+from activeloc.beliefs.particle_bins import allocate, shares, wheel_of
 from activeloc.beliefs.particles import ParticleBelief, ParticleConfig
 from activeloc.beliefs.resampling import stratified, systematic
 from activeloc.beliefs.sample_size import effective_states, kld_count
@@ -189,7 +189,7 @@ def test_the_wheel_is_the_cumulative_product_and_its_squares():
     rng = np.random.default_rng(2)
     weights, index, factor = rng.random(100), rng.integers(0, 7, 100).astype("i4"), rng.random(7)
     out = np.empty(100)
-    squares = kernels.wheel_of(weights, index, factor, out)
+    squares = wheel_of(weights, index, factor, out)
     np.testing.assert_allclose(out, np.cumsum(weights * factor[index]), rtol=1e-12)
     assert squares == pytest.approx(((weights * factor[index]) ** 2).sum())
 
@@ -290,3 +290,37 @@ def test_the_mass_of_an_unlikely_room_is_better_known_the_lower_the_allocation()
 def test_an_allocation_of_nonsense_is_refused(allocation):
     with pytest.raises(ConfigError, match=r"belief\.allocation must be a number in"):
         ParticleConfig(allocation=allocation)
+
+
+def test_what_is_allocated_is_the_slow_sum_whatever_lies_where_nothing_is():
+    poses, weights = random_cloud()
+    weights[:200] = 0.0
+    ground = weighted(poses, weights, 600)._cloud(0).ground
+    n, bins, power = len(poses), len(ground.bins), 0.6
+    index, wheel = np.full(n, -1, dtype=np.int32), np.full(n, np.nan)
+    masses, factor = np.zeros(bins), np.zeros(bins)
+    mass, squares, states = allocate(
+        poses, weights, ground.corner, ground.shape, power, index, masses, factor, wheel
+    )
+    np.testing.assert_array_equal(index, ground.bins.index(poses))
+    expected = np.bincount(index, weights, bins)
+    np.testing.assert_allclose(masses, expected, rtol=1e-12)
+    assert mass == pytest.approx(weights.sum())
+    each = np.where(
+        weights > 0.0, weights * np.maximum(expected[index], 1e-300) ** (power - 1), 0.0
+    )
+    np.testing.assert_allclose(wheel, each.cumsum(), rtol=1e-12)
+    assert squares == pytest.approx((each**2).sum())
+    assert states == pytest.approx(effective_states(expected / expected.sum(), power))
+    assert (factor[expected == 0.0] == 0.0).all()
+    nothing = allocate(
+        poses, np.zeros(n), ground.corner, ground.shape, power, index, np.zeros(bins), factor, wheel
+    )
+    assert nothing == (0.0, 0.0, 0.0)
+
+
+def test_survivors_share_the_mass_in_inverse_proportion_to_their_bins_factors():
+    chosen, index = np.array([0, 0, 2, 3]), np.array([1, 0, 1, 0], dtype=np.int32)
+    out = np.empty(4)
+    shares(chosen, index, np.array([4.0, 2.0]), 0.7, out)
+    np.testing.assert_allclose(out, 0.7 * np.array([2.0, 2.0, 2.0, 1.0]) / 7.0)

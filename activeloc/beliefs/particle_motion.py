@@ -1,0 +1,179 @@
+"""Kernels that move a cloud of particles.
+
+A cloud is ``poses[i]`` = x [m], y [m], theta [rad] in [-pi, pi), and ``log_w[i]``. Frames are
+``(x0, y0, cells per metre)`` of the map. Noise comes in as the 16-bit indices of ``NORMALS``;
+nothing is raised.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from activeloc.motion import free_way
+
+# Standard normal numbers of equal probability: noise is drawn as their 16-bit index, which costs a
+# third of drawing it by the ziggurat and is exact to 2^-16 in probability.
+_NORMALS = ndtri((np.arange(65536) + 0.5) / 65536.0)
+NORMALS = np.asarray(_NORMALS / _NORMALS.std(), dtype=np.float32)
+
+# Headings whose cosine and sine are looked up; between them they are carried on to second order,
+# which is exact to 1e-9.
+HEADINGS = 2048
+_ANGLES = np.arange(HEADINGS + 1) * (2.0 * np.pi / HEADINGS) - np.pi
+_COS, _SIN = np.cos(_ANGLES), np.sin(_ANGLES)
+
+
+def noise(rng: np.random.Generator, *shape: int) -> NDArray[np.uint16]:
+    """Indices of ``NORMALS``, each equally likely."""
+    n = int(np.prod(shape))
+    words = rng.integers(0, 2**64 - 1, (n + 3) // 4, dtype=np.uint64, endpoint=True)
+    return words.view(np.uint16)[:n].reshape(shape)
+
+
+@njit(cache=True, nogil=True)
+def wrapped(angle: float) -> float:
+    """The same angle in [-pi, pi)."""
+    if angle >= np.pi:
+        angle -= 2.0 * np.pi
+        if angle >= np.pi:
+            angle = (angle + np.pi) % (2.0 * np.pi) - np.pi
+    elif angle < -np.pi:
+        angle += 2.0 * np.pi
+        if angle < -np.pi or angle >= np.pi:
+            angle = (angle + np.pi) % (2.0 * np.pi) - np.pi
+            if angle >= np.pi:
+                angle = -np.pi
+    return angle
+
+
+@njit(cache=True, nogil=True)
+def unit(theta: float) -> tuple[float, float]:
+    """Cosine and sine of a heading in [-pi, pi), to 1e-9."""
+    turned = theta + np.pi
+    i = int(turned * (HEADINGS / (2.0 * np.pi)) + 0.5)
+    d = turned - i * (2.0 * np.pi / HEADINGS)
+    cos, sin = _COS[i], _SIN[i]
+    return cos - d * (sin + 0.5 * d * cos), sin + d * (cos - 0.5 * d * sin)
+
+
+@njit(cache=True, nogil=True)
+def spread(
+    cells: NDArray[np.intp],
+    frame: NDArray[np.float64],
+    uniforms: NDArray[np.float64],
+    start: float,
+    out: NDArray[np.float64],
+) -> None:
+    """Poses spread over cells and headings: places by equal strata, headings by golden section.
+
+    Args:
+        cells: ``(C, 2)`` of row and column.
+        frame: x and y of the map's corner, and its resolution [m].
+        uniforms: ``(N, 3)`` in [0, 1): place in the stratum, and in the cell along x and y.
+        start: In [0, 1); the first heading, in turns.
+        out: ``(N, 3)``, overwritten.
+    """
+    n = out.shape[0]
+    for i in range(n):
+        # The sum may be rounded up to the next stratum, past the last one.
+        c = min(int((i + uniforms[i, 0]) * cells.shape[0] / n), cells.shape[0] - 1)
+        out[i, 0] = frame[0] + (cells[c, 1] + uniforms[i, 1]) * frame[2]
+        out[i, 1] = frame[1] + (cells[c, 0] + uniforms[i, 2]) * frame[2]
+        turns = start + i * 0.6180339887498949
+        out[i, 2] = wrapped(2.0 * np.pi * (turns - np.floor(turns)))
+
+
+@njit(cache=True, nogil=True)
+def turn(
+    poses: NDArray[np.float64],
+    angle: float,
+    sigma: float,
+    noise: NDArray[np.uint16],
+    normals: NDArray[np.float32],
+) -> None:
+    """Rotate every particle on the spot, in place.
+
+    Args:
+        poses: ``(N, 3)``.
+        angle: Rotation read [rad].
+        sigma: Of its noise [rad].
+        noise: ``(N,)``.
+        normals: ``NORMALS``.
+    """
+    for i in range(poses.shape[0]):
+        poses[i, 2] = wrapped(poses[i, 2] + angle + sigma * normals[noise[i]])
+
+
+@njit(cache=True, nogil=True)
+def drive(
+    squares: NDArray[np.uint8],
+    frame: NDArray[np.float64],
+    poses: NDArray[np.float64],
+    u: NDArray[np.float64],
+    sigma: NDArray[np.float64],
+    noise: NDArray[np.uint16],
+    normals: NDArray[np.float32],
+    log_w: NDArray[np.float64],
+    slack: float,
+    log_floor: float,
+) -> None:
+    """Rotate, travel and rotate every particle, in place; those that the map stops lose weight.
+
+    Args:
+        squares: ``(4, H + 2, W + 2)``; of the cells that are open to the robot's centre.
+        frame: Of the map.
+        poses: ``(N, 3)``.
+        u: ``(3,)`` odometry reading.
+        sigma: ``(3,)`` of its noise.
+        noise: ``(N, 3)``.
+        normals: ``NORMALS``.
+        log_w: ``(N,)``, overwritten.
+        slack: What may be missing of the way before it counts as cut short [m].
+        log_floor: Added to the log-weight of ways that were cut short.
+    """
+    per_cell = 1.0 / frame[2]
+    for i in range(poses.shape[0]):
+        heading = wrapped(poses[i, 2] + u[0] + sigma[0] * normals[noise[i, 0]])
+        wanted = u[1] + sigma[1] * normals[noise[i, 1]]
+        cos, sin = unit(heading)
+        sign = 1.0 if wanted >= 0.0 else -1.0
+        dx, dy = sign * cos, sign * sin
+        col = (poses[i, 0] - frame[0]) * frame[2]
+        row = (poses[i, 1] - frame[1]) * frame[2]
+        length = free_way(squares, col, row, dx, dy, abs(wanted) * frame[2])
+        poses[i, 0] = frame[0] + (col + length * dx) * per_cell
+        poses[i, 1] = frame[1] + (row + length * dy) * per_cell
+        poses[i, 2] = wrapped(heading + u[2] + sigma[2] * normals[noise[i, 2]])
+        if abs(wanted) - length * per_cell > slack:
+            log_w[i] += log_floor
+
+
+@njit(cache=True, nogil=True)
+def touch(
+    squares: NDArray[np.uint8],
+    frame: NDArray[np.float64],
+    poses: NDArray[np.float64],
+    reach: float,
+    log_w: NDArray[np.float64],
+    log_floor: float,
+) -> None:
+    """Lower the log-weight of particles with nothing within ``reach`` [m] ahead, in place.
+
+    Args:
+        squares: ``(4, H + 2, W + 2)``; of the cells that are open to the robot's centre.
+        frame: Of the map.
+        poses: ``(N, 3)``.
+        reach: How near an obstacle explains a contact [m].
+        log_w: ``(N,)``, overwritten.
+        log_floor: Added where there is none.
+    """
+    wanted = reach * frame[2]
+    for i in range(poses.shape[0]):
+        col = (poses[i, 0] - frame[0]) * frame[2]
+        row = (poses[i, 1] - frame[1]) * frame[2]
+        dx, dy = unit(poses[i, 2])
+        if free_way(squares, col, row, dx, dy, wanted) >= wanted:
+            log_w[i] += log_floor
