@@ -1,9 +1,10 @@
 """Train PPO on the native vector environment: ``python examples/train_ppo.py``.
 
 Stable-Baselines3 learns on 32 small mazes at once, from the egocentric view (what may lie around
-the robot, whatever the maze's size). Needs ``activeloc[train]``. Printed is the share of mazes in
-which the policy is certain of the right place at the end, before and after training (some ten
-seconds). ``train.py`` does the same with checkpoints, evaluation while it trains, and imitation.
+the robot, whatever the maze's size); it is installed by ``pip install -c constraints.txt -e
+".[train]"``. Printed is the share of mazes in which the policy is certain of the right place at the
+end, before and after training (some ten seconds). ``train.py`` does the same with checkpoints,
+evaluation while it trains, and imitation of a planner.
 """
 
 import numpy as np

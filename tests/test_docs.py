@@ -17,6 +17,7 @@ from urllib.parse import unquote
 import pytest
 import typer
 
+from activeloc.agents import AGENTS
 from activeloc.cli import app, main
 
 ROOT = Path(__file__).parents[1]
@@ -199,6 +200,11 @@ def test_a_dead_link_is_noticed(tmp_path):
     assert [*dead_links(page)] == [
         "nowhere.md: no such file", "#two: no such place", "e.png: no such file",
     ]  # fmt: skip
+
+
+def test_every_agent_is_described():
+    table = text_of(ROOT / "docs" / "agents.md")
+    assert [name for name in AGENTS if f"| `{name}` |" not in table] == []
 
 
 # --- the site
