@@ -122,6 +122,15 @@ def check(words, whole=True):
         assert program in OTHERS, f"what is {program}?"
 
 
+@pytest.fixture(autouse=True)
+def agents():
+    """The table of agents, as it was afterwards: some pages enter one of their own."""
+    before = dict(AGENTS)
+    yield
+    AGENTS.clear()
+    AGENTS.update(before)
+
+
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=named)
 def test_python_blocks_run(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from activeloc.agents import AGENTS
+
 EXAMPLES = Path(__file__).parents[1] / "examples"
 NAMES = sorted(path.stem for path in EXAMPLES.glob("*.py"))
 HUT = "rooms(width=6,height=5):0"
@@ -14,6 +16,15 @@ HUT = "rooms(width=6,height=5):0"
 def place(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture(autouse=True)
+def agents():
+    """The table of agents, as it was afterwards: some examples enter one of their own."""
+    before = dict(AGENTS)
+    yield
+    AGENTS.clear()
+    AGENTS.update(before)
 
 
 def example(name):
