@@ -25,6 +25,8 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
     """B copies of :class:`LocalizationEnv` in one object.
 
     Robot i seeded ``s + i`` lives the episode that the single environment lives with that seed.
+    What is computed for a map is kept for the 8 to 64 maps used last, and for those that robots are
+    on: memory does not grow with new maps.
 
     Args:
         num_envs: B.

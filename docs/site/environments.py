@@ -159,7 +159,11 @@ def page() -> str:
 
     parts = [(DOCS / "site" / "environments_head.md").read_text("utf-8")]
     parts += [section(name) for name in PROBLEMS]
-    parts.append("## Arguments\n\nThose of `gym.make` and `gym.make_vec`.\n")
+    parts.append(
+        "## Arguments\n\nThose of `gym.make` and `gym.make_vec`. `make_vec` takes `num_envs`, "
+        "`max_episode_steps`,\n`autoreset_mode` and `threads` besides: how many threads share the "
+        "work, 1 by default. Results are the same\nbits for any number.\n"
+    )
     words = meanings(LocalizationEnv, "Args")
     parts.append("\n".join(["| argument | |", "|---|---|"]))
     parts[-1] += "".join(f"\n| `{name}` | {text} |" for name, text in words.items()) + "\n"
