@@ -1,7 +1,8 @@
 """Cost against size on logarithmic axes, a PNG for each plot.
 
 Ours are solid lines, each with a colour and a marker of its own; yardsticks are dashed; what no
-code on the machine can go under is dotted and grey. matplotlib is imported when a figure is drawn.
+code can go under on the machine is dotted: grey or, of several, in the colour of what it is of.
+matplotlib is imported when a figure is drawn.
 """
 
 from __future__ import annotations
@@ -43,8 +44,10 @@ def _png(curves: Sequence[Curve]) -> bytes:
 
     figure = Figure(figsize=(6.4, 4.4), layout="constrained")
     axes = figure.subplots()
-    for i, curve in enumerate(curves):
-        _draw(axes, curve, i)
+    n_floors, i = sum(curve.kind == "floor" for curve in curves), -1
+    for curve in curves:
+        i += curve.kind != "floor"
+        _draw(axes, curve, i, "0.4" if n_floors == 1 else OKABE_ITO[i % len(OKABE_ITO)])
     axes.set(
         xscale="log", yscale="log", xlabel=curves[0].x_label, ylabel=curves[0].y_label,
     )  # fmt: skip
@@ -58,12 +61,13 @@ def _png(curves: Sequence[Curve]) -> bytes:
     return encoded.getvalue()
 
 
-def _draw(axes: Axes, curve: Curve, i: int) -> None:
+def _draw(axes: Axes, curve: Curve, i: int, floor: str) -> None:
+    """A line; the i-th that is no floor, or the floor in a colour."""
     colour = OKABE_ITO[i % len(OKABE_ITO)]
     styles: dict[str, dict[str, Any]] = {
         "ours": {"linestyle": "-", "color": colour, "marker": MARKERS[i % len(MARKERS)]},
         "yardstick": {"linestyle": "--", "color": colour, "marker": MARKERS[i % len(MARKERS)]},
-        "floor": {"linestyle": ":", "color": "0.4", "linewidth": 2.0},
+        "floor": {"linestyle": ":", "color": floor, "linewidth": 2.0},
     }
     axes.plot(curve.x, curve.y, label=curve.label, markersize=5, **styles[curve.kind])
 

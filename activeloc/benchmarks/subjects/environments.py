@@ -124,78 +124,77 @@ def copying_of(env: Any) -> Callable[[], object]:
 
 
 def _metric(settings: Settings) -> Iterator[Row | Curve]:
-    """Both beliefs against ap-gym, then by number of environments and of threads."""
-    n, steps = settings.size(64, 2), settings.size(150, 3)
+    """Both beliefs, by number of environments and of threads, against ap-gym."""
+    n, steps = settings.size(64, 8), settings.size(150, 3)
     where: dict[str, Any] = {"map": "rooms(width=6,height=6):0"} if settings.quick else {}
     where |= {"max_episode_steps": steps}
     few = {"kind": "particles", "n_start": 500, "n_min": 100, "n_max": 200}
-    histogram: Any = {"kind": "histogram", "headings": 24} if settings.quick else "histogram"
-    beliefs: tuple[tuple[str, dict[str, Any], Target], ...] = (
-        ("histogram", where | {"belief": histogram}, ratio_at_least(3.0)),
-        (
-            "particles",
-            where | {"belief": few if settings.quick else "particles"},
-            ratio_at_least(1.0),
-        ),
-    )
+    coarse = {"kind": "histogram", "headings": 24}
     rooms = None
     if is_installed(active_perception.NAME):
         rooms = active_perception.Rooms(8, settings.size(60, 2))
-    for belief, given, target in beliefs:
-        for size, wanted in ((8, target), (n, target)):
-            yield _against_ap_gym(settings, rooms, belief, size, steps, given, wanted)
-    for belief, given, _ in beliefs:
-        yield from _by_number(settings, belief, steps, given)
+    theirs: list[float] = []
+    for belief, small, target in (
+        ("histogram", coarse, ratio_at_least(3.0)),
+        ("particles", few, ratio_at_least(1.0)),
+    ):
+        given = where | {"belief": small if settings.quick else belief}
+        for count in threads_of(settings):
+            wanted = {8: target, n: target} if count == 1 else {}
+            for item in _by_number(settings, belief, steps, given, count, rooms, wanted):
+                if isinstance(item, Row) and item.theirs is not None:
+                    theirs.append(item.theirs.median)
+                yield item
     if rooms is not None:
-        call, theirs = rooms.stepping(settings.size(100, 5)), settings.size(100, 5)
-        rate = 8 * theirs / float(np.median(alternate({"": call}, budget=1.0, rounds=(1, 5))[""]))
-        yield Curve(*AXES, "ap-gym, 8 envs", (1, 512), (rate, rate), "yardstick")
         rooms.close()
-
-
-def _against_ap_gym(
-    settings: Settings,
-    rooms: active_perception.Rooms | None,
-    belief: str,
-    n: int,
-    steps: int,
-    given: dict[str, Any],
-    target: Target,
-) -> Row:
-    """Whole episodes of ours and theirs, one thread."""
-    calls = {"ours": playing(make(METRIC, n, 1, **given), steps + 1)}
-    theirs = settings.size(active_perception.STEPS, 5)
-    if rooms is not None:
-        calls["theirs"] = rooms.stepping(theirs)
-    seconds = alternate(calls, budget=settings.budget, rounds=(1, 7), warm_up=False)
-    rates = n * steps / seconds["ours"]
-    yardstick = 8 * theirs / seconds["theirs"] if rooms is not None else None
-    return Row.of(
-        "environments", f"default task, {belief}, {n} envs, 1 thread", "steps/s", rates,
-        named("ap-gym, 8 envs", active_perception.NAME), yardstick, target,
-    )  # fmt: skip
+    if theirs:
+        rate = float(np.median(theirs))
+        yield Curve(*AXES, "ap-gym, 8 envs", (1, 512), (rate, rate), "yardstick")
 
 
 def _by_number(
-    settings: Settings, belief: str, steps: int, given: dict[str, Any]
+    settings: Settings,
+    belief: str,
+    steps: int,
+    given: dict[str, Any],
+    threads: int,
+    rooms: active_perception.Rooms | None,
+    targets: dict[int, Target],
 ) -> Iterator[Row | Curve]:
-    """Steps a second of 1, 8, 64 and 512 environments, by threads."""
+    """Whole episodes of 1, 8, 64 and 512 environments.
+
+    Args:
+        settings: Of the run.
+        belief: Its name.
+        steps: Of an episode.
+        given: Settings of the environments.
+        threads: That step them.
+        rooms: The yardstick, if it is installed.
+        targets: By number of environments, for those that are held against it.
+    """
     sizes = (1, 8, 64, 512)[: settings.size(4, 2)]
-    for count in threads_of(settings):
-        rates: list[float] = []
-        for size in sizes:
-            # What one call would take, going by the last; a part of an episode is not the whole.
-            if rates and size * steps / rates[-1] > PATIENCE:
-                break
-            call = playing(make(METRIC, size, count, **given), steps + 1)
-            took = alternate(
-                {"": call}, budget=settings.budget, rounds=(1, 5), clock=clock_of(count),
-                warm_up=size < 64,
-            )[""]  # fmt: skip
-            rates.append(size * steps / float(np.median(took)))
-            name = f"default task, {belief}, {size} envs, {_threads(count)}, alone"
-            yield Row.of("environments", name, "steps/s", size * steps / took)
-        yield Curve(*AXES, f"{belief}, {_threads(count)}", sizes[: len(rates)], tuple(rates))
+    episode = settings.size(active_perception.STEPS, 5)
+    rates: list[float] = []
+    for size in sizes:
+        # What a call would take, going by the last; a part of an episode is not the whole.
+        if rates and size * steps / rates[-1] > PATIENCE:
+            break
+        calls = {"ours": playing(make(METRIC, size, threads, **given), steps + 1)}
+        if rooms is not None and size in targets:
+            calls["theirs"] = rooms.stepping(episode)
+        seconds = alternate(
+            calls, budget=settings.budget, rounds=(1, 5), clock=clock_of(threads), warm_up=False
+        )
+        ours, other = size * steps / seconds["ours"], None
+        if "theirs" in seconds:
+            other = 8 * episode / seconds["theirs"]
+        rates.append(float(np.median(ours)))
+        yardstick = named("ap-gym, 8 envs", active_perception.NAME) if size in targets else ""
+        yield Row.of(
+            "environments", f"default task, {belief}, {size} envs, {_threads(threads)}", "steps/s",
+            ours, yardstick, other, targets.get(size),
+        )  # fmt: skip
+    yield Curve(*AXES, f"{belief}, {_threads(threads)}", sizes[: len(rates)], tuple(rates))
 
 
 def _threads(count: int) -> str:

@@ -135,7 +135,7 @@ def _steps(
     yield Curve("alive", *labels, name, x, tuple(1e3 * v for v in y))
     ends = (min(x), 1.0)
     y = tuple(1e3 * seconds_of_copy(BYTES * states * share) for share in ends)
-    yield Curve("alive", *labels, f"{name}: read and written once", ends, y, "floor")
+    yield Curve("alive", *labels, f"{name}: its bytes", ends, y, "floor")
 
 
 def _by_cells(settings: Settings) -> Iterator[Curve]:
@@ -152,4 +152,4 @@ def _by_cells(settings: Settings) -> Iterator[Curve]:
     axes = "states", "states", "a whole step, dense [ms]"
     yield Curve(*axes, "histogram", tuple(states), tuple(costs))
     floor = tuple(1e3 * seconds_of_copy(BYTES * n) for n in states)
-    yield Curve(*axes, "read and written once", tuple(states), floor, "floor")
+    yield Curve(*axes, "its bytes, read and written", tuple(states), floor, "floor")

@@ -20,7 +20,8 @@ def measure(settings: Settings) -> Iterator[Row | Curve]:
         row = Row.of("machine", f"copy of {size / 2e6:.0f} MB", "GB/s", 1e-9 * size / seconds)
         rates.append(row.ours.median)
         yield row
-    yield Curve("bandwidth", "bytes moved", "bandwidth [GB/s]", "one thread", sizes, tuple(rates))
+    moved = tuple(1e-6 * size for size in sizes)
+    yield Curve("bandwidth", "moved [MB]", "bandwidth [GB/s]", "one thread", moved, tuple(rates))
     n = settings.size(1_000_000, 10_000)
     for size, what in ((2**18, "256 kB"), (2**25, "32 MB")):
         for coherent in (True, False):
