@@ -90,9 +90,11 @@ def bench(
     console.print(f"threads: {threads}; {'quick' if quick else 'full'} sizes")
     for name in names:
         _measure(name, settings, report, console)
+        if out is not None:
+            _write(report, out)
     console.print(f"\n{verdict(report)}")
     if out is not None:
-        _write(report, out)
+        print(f"\n{out}: {', '.join([*NAMES, *_draw(report, out)])}")
 
 
 def _measure(name: str, settings: Settings, report: Report, console: Console) -> None:
@@ -137,10 +139,9 @@ def _print(name: str, rows: Sequence[Row], seconds: float, console: Console) -> 
 
 
 def _write(report: Report, out: Path) -> None:
-    """The files; without matplotlib there are no pictures."""
+    """What is known so far: a run that is stopped leaves what it has measured."""
     import shlex
     import sys
-    from importlib.util import find_spec
 
     from activeloc.benchmarks.markdown import to_markdown
     from activeloc.files import write_atomically
@@ -149,9 +150,14 @@ def _write(report: Report, out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     write_atomically(out / NAMES[0], report.to_json())
     write_atomically(out / NAMES[1], to_markdown(report, command).encode())
-    written = list(NAMES)
-    if find_spec("matplotlib") is not None:
-        from activeloc.benchmarks.figures import write_figures
 
-        written += [path.name for path in write_figures(report.curves, out)]
-    print(f"\n{out}: {', '.join(written)}")
+
+def _draw(report: Report, out: Path) -> list[str]:
+    """The pictures' names; without matplotlib there are none."""
+    from importlib.util import find_spec
+
+    if find_spec("matplotlib") is None:
+        return []
+    from activeloc.benchmarks.figures import write_figures
+
+    return [path.name for path in write_figures(report.curves, out)]

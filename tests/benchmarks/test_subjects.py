@@ -7,7 +7,7 @@ import sys
 import pytest
 from PIL import Image
 
-from activeloc.benchmarks import SUBJECTS, Curve, Row, Settings, check_subjects, measure
+from activeloc.benchmarks import SUBJECTS, Absent, Curve, Row, Settings, check_subjects, measure
 from activeloc.cli import main
 from activeloc.errors import ConfigError
 
@@ -47,6 +47,25 @@ def test_the_command_writes_its_files(tmp_path, capsys, monkeypatch):
         assert picture.size[0] > 800
     assert main(["bench", "rays", "--quick", "--out", str(out)]) == 2
     assert "--overwrite" in capsys.readouterr().err
+
+
+def test_a_run_that_is_stopped_leaves_what_it_has_measured(tmp_path, capsys, monkeypatch):
+    from activeloc import benchmarks
+
+    def stopped(subject, settings):
+        if subject == "memory":
+            raise KeyboardInterrupt
+        yield Row.of(subject, "a", "ns", 1.0)
+        yield Absent(subject, "b", "there is none")
+
+    monkeypatch.setattr(benchmarks, "measure", stopped)
+    assert main(["bench", "rays", "memory", "--out", str(tmp_path)]) == 130
+    there = capsys.readouterr()
+    assert "rays, b: there is none" in there.out
+    plain = json.loads((tmp_path / "bench.json").read_text())
+    assert [row["name"] for row in plain["rows"]] == ["a"]
+    assert plain["absent"] == [{"subject": "rays", "name": "b", "reason": "there is none"}]
+    assert "Not measured: rays, b: there is none." in (tmp_path / "bench.md").read_text()
 
 
 REFUSED = {
