@@ -19,22 +19,21 @@ brings in a step are put back into w.
 
 from __future__ import annotations
 
+from functools import cached_property
 from math import exp, inf
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activeloc.beliefs import histogram_kernels as kernels
+from activeloc.beliefs import plane_poses as kernels
+from activeloc.beliefs.coarse import CoarseBins
 from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.beliefs.reading_table import ReadingTable
 from activeloc.beliefs.scan_likelihood import ScanLikelihood
 from activeloc.beliefs.travel_table import TravelTable
-from activeloc.beliefs.view import view_shares
 
 SAMPLES = 4096  # States that stand for the uniform when a scan is weighed.
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
-
-Shares = tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.int32], NDArray[np.float32]]
 
 
 def elsewhere_after(w: float, log_elsewhere: float, log_local: float) -> float:
@@ -59,28 +58,29 @@ class Background:
     Args:
         poses: The states.
         readings: How probable each reading is in them.
-        p_contact: ``(C, K)``; how probable a contact is in them.
+        travels: Where obstacles are.
     """
 
-    def __init__(
-        self, poses: PoseGrid, readings: ReadingTable, p_contact: NDArray[np.float32]
-    ) -> None:
+    def __init__(self, poses: PoseGrid, readings: ReadingTable, travels: TravelTable) -> None:
         self.poses = poses
+        self.travels = travels
         self.share = poses.area / poses.area.sum()
         """``(C,)``; share of the open ground in each cell."""
         self._cumulative = self.share.cumsum()
-        self._p_contact = float(self.share @ p_contact.mean(axis=1, dtype=np.float64))
         self._rows = self._sample_rows(readings)
         self._travels: dict[tuple[int, int, float], float] = {}
-        self._views: dict[tuple[int, int, int], NDArray[np.float64]] = {}
+        self._views: dict[CoarseBins, NDArray[np.float64]] = {}
 
-    def _sample_rows(self, readings: ReadingTable) -> NDArray[np.int32]:
-        """``(SAMPLES, B)`` of rows: cells evenly over the area, headings by the golden ratio."""
+    def _sample_rows(self, readings: ReadingTable) -> NDArray[np.unsignedinteger]:
+        """``(B, SAMPLES)`` of rows: cells evenly over the area, headings by the golden ratio."""
         i = np.arange(SAMPLES)
         cell = self.cells_at((i + 0.5) / SAMPLES)
         heading = (i * _GOLDEN % 1.0 * self.poses.headings).astype(np.intp)
-        direction = heading[:, None] * readings.per_heading + readings.offsets
-        return readings.row[cell[:, None], direction % readings.row.shape[1]]
+        return np.ascontiguousarray(readings.rows_of(cell, heading).T)
+
+    @cached_property
+    def _p_contact(self) -> float:
+        return float(self.share @ self.travels.p_contact.mean(axis=1, dtype=np.float64))
 
     def cells_at(self, pointers: NDArray[np.float64]) -> NDArray[np.int32]:
         """Cells at shares ``(N,)`` in [0, 1) of the open ground, counted cell by cell."""
@@ -95,52 +95,47 @@ class Background:
         """Probability of a contact that is felt with probability ``floor`` without an obstacle."""
         return floor + (1.0 - floor) * self._p_contact
 
-    def travel(self, travels: TravelTable, level: int, hops: int, floor: float) -> float:
+    def travel(self, level: int, hops: int, floor: float) -> float:
         """Probability that the odometry reads a travel, ways cut short counting ``floor``.
 
         Args:
-            travels: The transitions of the map.
             level: Length, and
             hops: number of parts; see :meth:`TravelTable.level`.
             floor: Weight of ways that an obstacle would have cut short.
         """
         key = (level, hops, floor)
         if key not in self._travels:
-            travel = travels.level(level, hops)
-            weight = travel.weight[0].astype(np.float64) + floor * travel.weight[1]
-            upto = np.concatenate([[0.0], weight.cumsum()])[travel.row_start]
+            travel, headings = self.travels.level(level, hops), self.poses.headings
+            share = np.zeros(travel.layout.size)
+            share[travel.layout.place] = self.share
             # A state without a row is open ground, whose stencil sums to one.
-            kept = np.where(np.diff(travel.row_start) > 0, np.diff(upto), 1.0)
-            by_cell = kept.reshape(-1, self.poses.headings).mean(axis=1)
-            self._travels[key] = float(self.share @ by_cell)
+            plain = share @ travel.plain.reshape(headings, -1).sum(axis=0)
+            beside = share[travel.source] @ travel.mixed(floor, "float64")
+            self._travels[key] = float(plain + beside) / headings
         return self._travels[key]
 
-    def masses(self, shares: Shares, shape: tuple[int, int]) -> NDArray[np.float64]:
-        """The uniform in coarser bins ``(places, headings)``.
+    def masses(self, bins: CoarseBins) -> NDArray[np.float64]:
+        """The uniform in coarser bins ``(Y * X, H)``."""
+        by_cell = np.zeros(self.poses.shape)
+        by_cell[self.poses.cells[:, 0], self.poses.cells[:, 1]] = self.share
+        by_row = np.zeros((bins.shape[0], by_cell.shape[1]))
+        for w in range(bins.row_bins.shape[1]):
+            np.add.at(by_row, bins.row_bins[:, w], bins.row_shares[:, w, None] * by_cell)
+        column = bins.col_first[:, None] + np.arange(bins.col_shares.shape[1])
+        under = by_row[:, column.clip(max=by_row.shape[1] - 1)]
+        by_place = (under * bins.col_shares).sum(axis=-1)
+        return np.outer(by_place, bins.headings.mean(axis=1))
 
-        Args:
-            shares: Place, its share, heading bin, its share, as :func:`kernels.bin_masses`.
-            shape: Of the result.
-        """
-        place, place_share, heading, heading_share = shares
-        by_place = np.bincount(
-            place.ravel(), (self.share[:, None] * place_share).ravel(), minlength=shape[0]
-        )
-        by_heading = np.bincount(heading.ravel(), heading_share.ravel(), minlength=shape[1])
-        return np.outer(by_place, by_heading / self.poses.headings)
-
-    def view(self, headings: int, rows: int, cols: int) -> NDArray[np.float64]:
-        """The uniform on a view, ``(rows * cols, headings)``."""
-        key = (headings, rows, cols)
-        if key not in self._views:
-            shares = view_shares(self.poses, headings, rows, cols)
-            self._views[key] = self.masses(shares, (rows * cols, headings))
-        return self._views[key]
+    def view(self, bins: CoarseBins) -> NDArray[np.float64]:
+        """The same, kept for the next time."""
+        if bins not in self._views:
+            self._views[bins] = self.masses(bins)
+        return self._views[bins]
 
     def mass_near(self, pose: NDArray[np.float64], radius: float, angle: float) -> float:
         """The uniform's mass within ``radius`` [m] and ``angle`` [rad] of a pose ``(3,)``.
 
-        Cells and heading bins count by their centres, as in :func:`kernels.local_moments`.
+        Cells and heading bins count by their centres, as in :func:`kernels.near`.
         """
         poses, origin = self.poses, self.poses.terrain.grid.origin
         share = kernels.area_near(

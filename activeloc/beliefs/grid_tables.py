@@ -7,14 +7,16 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from activeloc.beliefs import histogram_kernels as kernels
 from activeloc.beliefs.background import Background
+from activeloc.beliefs.coarse import CoarseBins
 from activeloc.beliefs.common_bins import CommonBins, entropy
+from activeloc.beliefs.plane_layout import PlaneLayout, Sheet
 from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.beliefs.reading_table import build_reading_table
 from activeloc.beliefs.scan_likelihood import PoweredTable
 from activeloc.beliefs.settings import HistogramConfig
 from activeloc.beliefs.travel_table import TravelTable
+from activeloc.beliefs.view import view_frame
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import MotionModel, Terrain
 from activeloc.sensors import RangeSensor
@@ -37,61 +39,59 @@ class GridTables:
         sensor: RangeSensor,
         motion: MotionModel,
     ) -> None:
+        self.precision = config.precision
         self.terrain = Terrain(grid, motion.radius)
         self.poses = PoseGrid(self.terrain, config.cell_size, config.headings)
+        self.layout = PlaneLayout(self.poses)
         self.readings = build_reading_table(self.poses, sensor, config.reading_bin)
         self.powered = PoweredTable(self.readings, config.likelihood_power, config.precision)
         self.travel = TravelTable(self.poses, motion.odometry)
-        self.background = Background(self.poses, self.readings, self.travel.p_contact)
+        self.background = Background(self.poses, self.readings, self.travel)
         self.bins = CommonBins(grid)
-        self.places = self.bins.places_of(self.poses)
-        self.bin_headings = self.bins.headings_of(self.poses)
-        self.uniform = np.repeat(
-            self.poses.area[:, None] / (self.poses.area.sum() * config.headings),
-            config.headings,
-            axis=1,
+        corner = (float(self.bins.origin[0]), float(self.bins.origin[1]))
+        self.coarse = CoarseBins.over(
+            self.poses, corner, self.bins.size, self.bins.shape, self.bins.n_headings
         )
-        self.uniform_masses = self.masses(self.uniform, np.arange(len(self.poses.cells)))
+        self.uniform_masses = self.background.masses(self.coarse)
         self.uniform_entropy = entropy(self.uniform_masses)
+        self.frame = np.array([*grid.origin, 1.0 / self.poses.cell_size])
+        self._views: dict[tuple[int, int, int], CoarseBins] = {}
+        self._spare: list[Sheet] = []
+        in_planes = np.zeros((config.headings, self.layout.size), dtype=config.precision)
+        in_planes[:, self.layout.place] = self.background.share / config.headings
+        self._everywhere = in_planes.ravel()
 
-    def carry(
-        self,
-        bel: NDArray[np.floating],
-        live: NDArray[np.int32],
-        out: NDArray[np.floating],
-        out_live: NDArray[np.int32],
-        level: int,
-        hops: int,
-        floor: float,
-    ) -> int:
-        """Travel ``level`` half cells, back if negative; see :func:`kernels.translate`.
+    @property
+    def uniform(self) -> NDArray[np.float64]:
+        """``(C, K)``; the uniform belief over the open ground."""
+        headings = self.poses.headings
+        return np.repeat(self.background.share[:, None] / headings, headings, axis=1)
 
-        Args:
-            bel: ``(C, K)``, overwritten with zeros.
-            live: ``(n,)`` of cells.
-            out: ``(C, K)``, zeros, overwritten.
-            out_live: ``(C,)``, overwritten with the cells that mass has come to.
-            level: Length of the travel,
-            hops: one of as many equal parts.
-            floor: Weight of ways that an obstacle cuts short, in [0, 1].
+    @property
+    def uniform_planes(self) -> NDArray[np.floating]:
+        """``(K * P,)``; the same in planes."""
+        return self._everywhere
 
-        Returns:
-            How many cells that is.
-        """
-        travel, poses = self.travel.level(abs(level), hops), self.poses
-        n: int = kernels.translate(
-            bel, live, out, out_live,
-            0 if level > 0 else poses.headings // 2, poses.cells, poses.index,
-            travel.stencil_start, travel.stencil_step, travel.stencil_weight,
-            travel.row_start, travel.target, travel.weight, floor,
-        )  # fmt: skip
-        return n
+    def view_bins(self, headings: int, rows: int, cols: int) -> CoarseBins:
+        """The bins of a view of the belief; see :mod:`activeloc.beliefs.view`."""
+        key = (headings, rows, cols)
+        if key not in self._views:
+            left, bottom, pixel = view_frame(self.terrain.grid, rows, cols)
+            self._views[key] = CoarseBins.over(
+                self.poses, (left, bottom), pixel, (rows, cols), headings
+            )
+        return self._views[key]
 
-    def masses(self, bel: NDArray[np.floating], live: NDArray[np.integer]) -> NDArray[np.float64]:
-        """The belief on the common bins: ``(places, headings)``."""
-        out = np.zeros((self.bins.shape[0] * self.bins.shape[1], self.bins.n_headings))
-        kernels.bin_masses(bel, live.astype(np.int32), *self.places, *self.bin_headings, out)
-        return out
+    def take(self) -> Sheet:
+        """A sheet to write on; what it holds is in its runs."""
+        try:
+            return self._spare.pop()
+        except IndexError:
+            return Sheet(self.layout, self.precision)
+
+    def give(self, sheet: Sheet) -> None:
+        """A sheet that is not needed any more."""
+        self._spare.append(sheet)
 
 
 def tables_of(

@@ -30,14 +30,19 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from activeloc.beliefs import Belief
+from activeloc.beliefs.metric_view_kernels import (
+    DIRECTIONS,
+    SHARES,
+    classify,
+    draw_ways,
+    draw_window,
+)
 from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import Terrain
-from activeloc.raycast import cast_ray
 from activeloc.sensors import RangeSensor
 
 PLANES = 5
@@ -47,12 +52,8 @@ DISTANCES = 9  # 0, 0.5, ... 4 m.
 WAYS = (2, BEARINGS, DISTANCES)
 PLACE = (2 * BEARINGS,)
 HYPOTHESES = 128  # At most 255: they are counted in bytes.
-CLASSES = 8  # Of an expected range: seven up to the longest, one for nothing in range.
 CELL = 0.2  # Of the look-up [m].
-DIRECTIONS = 36
 STEP = 0.25  # At which a way is probed [m]; walls are thicker to the centre of a robot.
-SHARES = 16  # Open shares of a cell are told apart this finely,
-OPEN = 4  # and with fewer of them it stops a way.
 
 
 class Lookup:
@@ -83,6 +84,14 @@ class Lookup:
         classify(grid.squares, grid.to_cells(places), z_max / grid.resolution, classes)
         self.seen = np.zeros((DIRECTIONS, *poses.shape), dtype=np.uint8)
         self.seen[:, row, col] = classes
+        self._records: dict[int, NDArray[np.uint8]] = {}
+
+    def records(self, margin: int) -> NDArray[np.uint8]:
+        """``(rows, cols, DIRECTIONS + 1)``; a cell's classes and its share, padded with nothing."""
+        if margin not in self._records:
+            planes = np.concatenate([self.seen, self.area[None]]).transpose(1, 2, 0)
+            self._records[margin] = np.pad(planes, ((margin, margin), (margin, margin), (0, 0)))
+        return self._records[margin]
 
 
 @lru_cache(maxsize=64)
@@ -116,191 +125,18 @@ class MetricView:
         side = 2 * self.radius + 1
         view = np.empty((PLANES, side, side), dtype=np.float32)
         ways = np.empty(WAYS, dtype=np.float32)
-        draw_window(poses, counts, table.frame, table.area, table.seen, view)
-        bins = self.belief.bins(robot).index(poses)
-        order = np.argsort(bins, kind="stable")
-        poses, counts, bins = poses[order], counts[order], bins[order]
-        draw_ways(poses, counts, bins, table.frame, table.area, table.seen, self._beams, ways)
+        # To the window's corner or to the end of a way, and a cell to spare.
+        reach = max(2.0**0.5 * self.radius, DISTANCES - 1.0) * PIXEL / CELL
+        margin = int(np.ceil(reach)) + 2
+        records = table.records(margin)
+        draw_window(poses, counts, table.frame, records, margin, PIXEL / CELL, view)
+        draw_ways(
+            poses, counts, self.belief.bins(robot).index(poses), table.frame, records, margin,
+            STEP / CELL, round(PIXEL / STEP), self._beams, np.log(HYPOTHESES), ways,
+        )  # fmt: skip
         memory = self.belief.place(robot)
         sector = memory.sector(2.0 * np.pi * np.arange(BEARINGS) / BEARINGS)
         place = np.concatenate(
             [np.minimum(0.5 * memory.readings, 1.0)[sector], memory.refused[sector]]
         )
         return {"view": view, "ways": ways, "place": place.astype(np.float32)}
-
-
-@njit(cache=True, nogil=True)
-def classify(
-    squares: NDArray[np.uint8],
-    places: NDArray[np.float64],
-    reach: float,
-    classes: NDArray[np.uint8],
-) -> None:
-    """Class of the range from each place in each direction.
-
-    Args:
-        squares: ``(4, H + 2, W + 2)``; see :func:`cast_ray`.
-        places: ``(C, 2)`` of column and row [cell].
-        reach: Longest range [cell].
-        classes: ``(D, C)``, overwritten.
-    """
-    for d in range(classes.shape[0]):
-        angle = 2.0 * np.pi * d / classes.shape[0]
-        dx, dy = np.cos(angle), np.sin(angle)
-        for c in range(places.shape[0]):
-            z = cast_ray(squares, places[c, 0], places[c, 1], dx, dy, reach)
-            # A range on the edge of a class goes up in every like room.
-            classes[d, c] = min(int(z / reach * (CLASSES - 1) + 1e-9), CLASSES - 1)
-
-
-@njit(cache=True, nogil=True)
-def direction_of(theta: float) -> int:
-    """The nearest of the look-up's directions."""
-    return int(np.floor(theta / (2.0 * np.pi) * DIRECTIONS + 0.5)) % DIRECTIONS
-
-
-@njit(cache=True, nogil=True)
-def draw_window(
-    poses: NDArray[np.float64],
-    counts: NDArray[np.int64],
-    frame: NDArray[np.float64],
-    area: NDArray[np.uint8],
-    seen: NDArray[np.uint8],
-    view: NDArray[np.float32],
-) -> None:
-    """Average the turned map, and find the spread of the expected ranges.
-
-    Classes are counted in the eight bytes of a word, for all hypotheses at each place.
-
-    Args:
-        poses: ``(M, 3)``.
-        counts: ``(M,)``; hypotheses at each pose, 255 at most in all.
-        frame: See :class:`Lookup`.
-        area: ``(rows, cols)``.
-        seen: ``(D, rows, cols)``.
-        view: ``(5, S, S)``, overwritten.
-    """
-    height, width = area.shape
-    side, radius, quarter = view.shape[1], view.shape[1] // 2, DIRECTIONS // 4
-    words = np.zeros((side * side, 4), np.uint64)
-    free = np.zeros(side * side, np.int64)
-    total = counts.sum()
-    for i in range(poses.shape[0]):
-        n, word = counts[i], np.uint64(counts[i])
-        dx, dy = np.cos(poses[i, 2]) * PIXEL * frame[2], np.sin(poses[i, 2]) * PIXEL * frame[2]
-        ahead = direction_of(poses[i, 2])
-        planes = (
-            seen[ahead], seen[(ahead + quarter) % DIRECTIONS],
-            seen[(ahead + 2 * quarter) % DIRECTIONS], seen[(ahead + 3 * quarter) % DIRECTIONS],
-        )  # fmt: skip
-        at = 0
-        for u in range(-radius, radius + 1):
-            col = (poses[i, 0] - frame[0]) * frame[2] + u * dx - radius * dy
-            row = (poses[i, 1] - frame[1]) * frame[2] + u * dy + radius * dx
-            for _ in range(side):
-                if 0.0 <= col < width and 0.0 <= row < height:
-                    r, c = int(row), int(col)
-                    if area[r, c] > 0:
-                        free[at] += n * area[r, c]
-                        for q in range(4):
-                            words[at, q] += word << np.uint64(8 * planes[q][r, c])
-                at += 1
-                col, row = col + dy, row - dx
-    logs = np.log(np.maximum(np.arange(256), 1).astype(np.float64))
-    for at in range(side * side):
-        row, col = at // side, at % side
-        view[0, row, col] = free[at] / (SHARES * total)
-        for q in range(4):
-            there, spread = 0, 0.0
-            for lane in range(CLASSES):
-                held = int((words[at, q] >> np.uint64(8 * lane)) & np.uint64(255))
-                there += held
-                spread -= held * logs[held]
-            view[1 + q, row, col] = 0.0
-            if there > 0:
-                view[1 + q, row, col] = max(0.0, logs[there] + spread / there) / logs[CLASSES]
-
-
-@njit(cache=True, nogil=True)
-def draw_ways(
-    poses: NDArray[np.float64],
-    counts: NDArray[np.int64],
-    bins: NDArray[np.int64],
-    frame: NDArray[np.float64],
-    area: NDArray[np.uint8],
-    seen: NDArray[np.uint8],
-    beams: NDArray[np.int64],
-    ways: NDArray[np.float32],
-) -> None:
-    """Follow the straight ways from every pose.
-
-    Args:
-        poses: ``(M, 3)``.
-        counts: ``(M,)``.
-        bins: ``(M,)``, ascending; of the poses.
-        frame: See :class:`Lookup`.
-        area: ``(rows, cols)``.
-        seen: ``(D, rows, cols)``.
-        beams: ``(B,)``, B at most 3; bearings as directions.
-        ways: ``(2, bearings, distances)``, overwritten.
-    """
-    height, width = area.shape
-    m, total, probes = poses.shape[0], counts.sum(), round(PIXEL / STEP)
-    stopped, most = CLASSES ** beams.shape[0], np.log(float(HYPOTHESES))
-    codes = np.empty((ways.shape[2], m), np.int64)
-    held = np.zeros(stopped + 1, np.int64)
-    logs = np.log(np.maximum(np.arange(total + 1), 1).astype(np.float64))
-    for b in range(ways.shape[1]):
-        turn = 2.0 * np.pi * b / ways.shape[1]
-        for i in range(m):
-            theta = poses[i, 2] + turn
-            dx, dy = np.cos(theta) * STEP * frame[2], np.sin(theta) * STEP * frame[2]
-            ahead, is_open = direction_of(theta), True
-            col = (poses[i, 0] - frame[0]) * frame[2]
-            row = (poses[i, 1] - frame[1]) * frame[2]
-            for k in range(ways.shape[2]):
-                for _ in range(probes if k > 0 else 0):
-                    col, row = col + dx, row + dy
-                    is_open = is_open and 0.0 <= col < width and 0.0 <= row < height
-                    is_open = is_open and area[int(row), int(col)] >= OPEN
-                if not is_open or not (0.0 <= col < width and 0.0 <= row < height):
-                    for j in range(k, ways.shape[2]):
-                        codes[j, i] = stopped
-                    break
-                code = 0
-                for beam in beams:
-                    code = code * CLASSES + seen[(ahead + beam) % DIRECTIONS, int(row), int(col)]
-                codes[k, i] = code
-        for k in range(ways.shape[2]):
-            for i in range(m):
-                held[codes[k, i]] += counts[i]
-            ways[0, b, k] = 1.0 - held[stopped] / total
-            told = logs[total] * total - _take(codes[k], held, logs, 0, m)
-            # Less what poses of one bin differ by among themselves.
-            first = 0
-            while first < m:
-                end, n = first, 0
-                while end < m and bins[end] == bins[first]:
-                    held[codes[k, end]] += counts[end]
-                    n += counts[end]
-                    end += 1
-                told -= n * logs[n] - _take(codes[k], held, logs, first, end)
-                first = end
-            ways[1, b, k] = min(max(0.0, told) / total / most, 1.0)
-
-
-@njit(cache=True, nogil=True)
-def _take(
-    codes: NDArray[np.int64],
-    held: NDArray[np.int64],
-    logs: NDArray[np.float64],
-    first: int,
-    end: int,
-) -> float:
-    """Sum of n log n over what is held for ``codes[first:end]``, which is set to zero."""
-    total = 0.0
-    for i in range(first, end):
-        n = held[codes[i]]
-        held[codes[i]] = 0
-        total += n * logs[n]
-    return total

@@ -16,8 +16,8 @@ from math import exp, inf, log
 import numpy as np
 from numpy.typing import NDArray
 
-from activeloc.beliefs import histogram_kernels as kernels
 from activeloc.beliefs.grid_tables import GridTables
+from activeloc.beliefs.plane_belief import PlaneBelief
 from activeloc.beliefs.scan_likelihood import ScanLikelihood
 
 REMEMBERED = 20  # Steps.
@@ -25,7 +25,7 @@ REMEMBERED = 20  # Steps.
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """A rotation: :func:`kernels.rotate`'s arguments."""
+    """A rotation: :meth:`PlaneBelief.rotate`'s arguments."""
 
     first: int
     taps: NDArray[np.float64]
@@ -97,65 +97,55 @@ class Past:
         """An independent copy."""
         return Past([(w, list(events)) for w, events in self.steps])
 
-    def relive(
-        self, tables: GridTables, precision: str
-    ) -> tuple[NDArray[np.floating], float, float]:
+    def relive(self, tables: GridTables) -> tuple[PlaneBelief, float, float]:
         """The background after all of it.
 
         Args:
             tables: Of the map.
-            precision: ``float32`` or ``float64``.
 
         Returns:
-            The background's mass ``(C, K)``, the local part's mass, and the last event's
-            log-evidence in both together; the masses sum to one. If nothing explains a scan, zeros
-            and -inf.
+            The background, the local part's mass, and the last event's log-evidence in both
+            together; the masses sum to one. If nothing explains a scan, nothing, 0 and -inf.
         """
-        replay = _Replay(tables, self.steps[0][0], precision)
+        replay = _Replay(tables, self.steps[0][0])
         evidence = 0.0
         for _, events in self.steps:
             for event in events:
                 evidence = replay.apply(event)
                 if evidence == -inf:
-                    return np.zeros_like(replay.bel), 0.0, -inf
+                    replay.bel.drop()
+                    return PlaneBelief(tables), 0.0, -inf
         return replay.bel, replay.here, evidence
 
 
 class _Replay:
     """The background, laid out, and what the local part weighs against it."""
 
-    def __init__(self, tables: GridTables, w: float, precision: str) -> None:
-        self.tables = tables
-        self.uniform = tables.uniform.astype(precision)
-        self.bel = self.uniform * np.asarray(w, dtype=precision)
-        self.spare = np.zeros_like(self.bel)
-        self.live = np.arange(len(self.bel), dtype=np.int32)
+    def __init__(self, tables: GridTables, w: float) -> None:
+        self.bel = PlaneBelief(tables, tables.uniform_planes)
+        self.bel.scale(w)
         self.here = 1.0 - w
 
     def apply(self, event: Event) -> float:
         """Carry out one event; returns its log-evidence in both parts."""
+        bel = self.bel
         match event:
             case Turn(first, taps):
-                kernels.rotate(self.bel, self.live, first, taps)
+                bel.rotate(first, taps)
             case Leaked(leak):
-                self.bel *= 1.0 - leak
-                self.bel += self.uniform * leak
+                bel.add_uniform(1.0 - leak, leak)
                 self.here *= 1.0 - leak
             case Absorbed(kept):
-                self.bel += self.uniform * (self.here * (1.0 - kept))
+                bel.add_uniform(1.0, self.here * (1.0 - kept))
                 self.here *= kept
             case Travelled(level, hops, floor, left):
-                reached = np.empty_like(self.live)
-                self.tables.carry(self.bel, self.live, self.spare, reached, level, hops, floor)
-                self.bel, self.spare = self.spare, self.bel
-                return self._weigh(kernels.mass(self.bel, self.live), left)
+                return self._weigh(bel.travel(level, hops, floor), left)
             case Touched(floor, left):
-                factor = self.tables.travel.p_contact
-                return self._weigh(kernels.weigh(self.bel, self.live, factor, floor), left)
+                return self._weigh(bel.touch(floor), left)
             case Read(likelihood, log_local):
-                total, shift = likelihood.weigh(self.bel, self.live)
+                total, shift = bel.read(likelihood)
                 if total == 0.0:
-                    self.bel *= 0.0
+                    bel.scale(0.0)
                     shift = log_local
                 if shift == -inf:
                     return -inf
@@ -174,6 +164,6 @@ class _Replay:
         here = self.here * local
         if there + here == 0.0:
             return -inf
-        self.bel *= 1.0 / (there + here)
+        self.bel.scale(1.0 / (there + here))
         self.here = here / (there + here)
         return log(there + here)

@@ -9,19 +9,19 @@ weighing a scan is two look-ups and an addition per state and beam.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.beliefs.pose_grid import PoseGrid
-from activeloc.raycast import cast_ray
+from activeloc.beliefs.plane_layout import PlaneLayout
+from activeloc.beliefs.pose_grid import SUB, PoseGrid
+from activeloc.beliefs.profiles import Profiles
+from activeloc.beliefs.sweep import Sweep
 from activeloc.sensors import ExpectedRangeSensor, RangeSensor, ReadingBins
 
 ANGLES = 3  # Directions probed across a heading bin.
-LEVELS = 32  # Shares of a cell's rays are rounded to multiples of 1 / LEVELS.
 PER_BIN = 2  # Expected ranges are told apart this much more finely than readings.
-CHUNK = 256  # Cells handled at once while building.
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +30,12 @@ class ReadingTable:
 
     Attributes:
         bins: What the readings are sorted into, Z bins.
-        row: ``(C, D)``; directions divide the circle evenly from the first
-            heading bin's centre, so direction ``per_heading * k`` is heading bin k's.
+        planes: ``(D * P,)``; row of each direction and place, in the planes of
+            :class:`~activeloc.beliefs.plane_layout.PlaneLayout`. Directions divide the circle
+            evenly from the first heading bin's centre, so direction ``per_heading * k`` is heading
+            bin k's.
+        place: ``(C,)``; place of each cell.
+        n_directions: D.
         log_p: ``(Z, R)`` of float32; log P(z | row). Each column is a distribution.
         offsets: ``(B,)``; beam b of a robot heading along bin k looks along direction
             ``(per_heading * k + offsets[b]) mod D``.
@@ -39,10 +43,26 @@ class ReadingTable:
     """
 
     bins: ReadingBins
-    row: NDArray[np.int32]
+    planes: NDArray[np.unsignedinteger]
+    place: NDArray[np.int32]
+    n_directions: int
     log_p: NDArray[np.float32]
     offsets: NDArray[np.int32]
     per_heading: int
+
+    def rows_of(
+        self, cell: NDArray[np.integer], heading: NDArray[np.integer]
+    ) -> NDArray[np.unsignedinteger]:
+        """``(N, B)``; row of each beam from states of cells ``(N,)`` and heading bins ``(N,)``."""
+        direction = heading[:, None].astype(np.int64) * self.per_heading + self.offsets
+        size = len(self.planes) // self.n_directions
+        return self.planes[direction % self.n_directions * size + self.place[cell, None]]
+
+    @cached_property
+    def row(self) -> NDArray[np.unsignedinteger]:
+        """``(C, D)``; row of each cell and direction."""
+        planes = self.planes.reshape(self.n_directions, -1)
+        return np.ascontiguousarray(planes[:, self.place].T)
 
 
 def directions(bearings: NDArray[np.float64], bin_width: float) -> tuple[int, NDArray[np.int32]]:
@@ -59,107 +79,33 @@ def directions(bearings: NDArray[np.float64], bin_width: float) -> tuple[int, ND
     return per_heading, np.round(bearings / bin_width * per_heading).astype(np.int32)
 
 
-@njit(cache=True, nogil=True)
-def _count_ranges(
-    squares: NDArray[np.uint8],
-    sub_poses: NDArray[np.float64],
-    is_open: NDArray[np.bool_],
-    angles: NDArray[np.float64],
-    cone: NDArray[np.float64],
-    z_max: float,
-    counts: NDArray[np.int32],
-) -> None:
-    """Count, for each cell and direction, the expected ranges of its rays by quantised range.
-
-    Args:
-        squares: ``(4, H + 2, W + 2)``; see :func:`cast_ray`.
-        sub_poses: ``(C, S, 2)`` of column and row [cell].
-        is_open: ``(C, S)``.
-        angles: ``(D, ANGLES)`` [rad].
-        cone: ``(R,)`` of directions about each angle [rad]; the nearest range is the expected one.
-        z_max: [cell].
-        counts: ``(C, D, Q + 1)``, zeros; the last class is "nothing in range".
-    """
-    n_ranges = counts.shape[2] - 1
-    for d in range(angles.shape[0]):
-        for a in range(angles.shape[1]):
-            dx, dy = np.cos(angles[d, a] + cone), np.sin(angles[d, a] + cone)
-            for c in range(sub_poses.shape[0]):
-                for s in range(sub_poses.shape[1]):
-                    if is_open[c, s]:
-                        x, y, z = sub_poses[c, s, 0], sub_poses[c, s, 1], z_max
-                        for r in range(cone.shape[0]):
-                            z = cast_ray(squares, x, y, dx[r], dy[r], z)
-                        # A range on the edge of a class (a wall met at 60 degrees) goes up in
-                        # every like room, however its coordinates were rounded.
-                        q = n_ranges if z >= z_max else int(z / z_max * n_ranges + 1e-9)
-                        counts[c, d, q] += 1
-
-
-@njit(cache=True, nogil=True)
-def _round_to_levels(counts: NDArray[np.int32], levels: int) -> None:
-    """Scale each row ``counts[n]`` to integers that sum to ``levels``, by largest remainder."""
-    for n in range(counts.shape[0]):
-        total = counts[n].sum()
-        given = 0
-        remainder = np.empty(counts.shape[1])
-        for q in range(counts.shape[1]):
-            exact = counts[n, q] * levels / total
-            counts[n, q] = int(exact)
-            remainder[q] = exact - counts[n, q]
-            given += counts[n, q]
-        for _ in range(levels - given):
-            best = remainder.argmax()
-            counts[n, best] += 1
-            remainder[best] = -1.0
-
-
-def _distinct(
-    rows: NDArray[np.int32],
-) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
-    """Distinct rows and which of them each row is; rows are told apart by a 64-bit hash."""
-    keys = np.random.default_rng(0).integers(0, 2**63, rows.shape[1], dtype=np.uint64)
-    hashes = (rows.astype(np.uint64) * (2 * keys + 1)).sum(axis=1, dtype=np.uint64)
-    _, first, inverse = np.unique(hashes, return_index=True, return_inverse=True)
-    return rows[first], inverse
-
-
 def _expected_range_rows(
     grid: PoseGrid, sensor: ExpectedRangeSensor, bins: ReadingBins, angles: NDArray[np.float64]
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Row of each cell and direction, and the rows' probabilities, from expected ranges alone."""
-    world = grid.terrain.grid
+    """Row of each direction and place, and the rows' probabilities, from expected ranges alone."""
+    layout, world = PlaneLayout(grid), grid.terrain.grid
     n_ranges = PER_BIN * (len(bins) - 1)
-    sub_poses = world.to_cells(grid.sub_poses())
-    row = np.empty((len(grid.cells), len(angles)), dtype=np.int32)
-    profiles = np.empty((0, n_ranges + 1), dtype=np.int32)
-    for start in range(0, len(grid.cells), CHUNK):
-        part = slice(start, start + CHUNK)
-        counts = np.zeros((len(sub_poses[part]), len(angles), n_ranges + 1), dtype=np.int32)
-        _count_ranges(
-            world.squares,
-            sub_poses[part],
-            grid.is_open[part],
-            angles,
-            sensor.cone,
-            sensor.z_max / world.resolution,
-            counts,
-        )
-        flat = counts.reshape(-1, n_ranges + 1)
-        _round_to_levels(flat, LEVELS)
-        known = len(profiles)
-        profiles, which = _distinct(np.concatenate([profiles, flat]))
-        row[:start] = which[row[:start]]
-        row[part] = which[known:].reshape(-1, len(angles))
+    # A range on the edge of a class (a wall met at 60 degrees) goes up in every like room, however
+    # its coordinates were rounded.
+    limits = (np.arange(1, n_ranges + 1) - 1e-9) / n_ranges
+    limits[-1] = 1.0
+    sweep = Sweep(grid, world, limits * (sensor.z_max / world.resolution))
+    classes = np.empty((angles.shape[1], SUB * SUB, layout.size), dtype=sweep.dtype)
+    row = np.zeros((len(angles), layout.size), dtype=np.int32)
+    profiles, is_open = Profiles(n_ranges + 1), np.ascontiguousarray(grid.is_open.T)
+    for d, across in enumerate(angles):
+        for a, angle in enumerate(across):
+            sweep.along(angle + sensor.cone, classes[a])
+        profiles.assign(classes, is_open, layout.place, row[d])
     middles = (np.arange(n_ranges) + 0.5) * sensor.z_max / n_ranges
     masses = sensor.masses(np.append(middles, sensor.z_max), bins)
-    return row, (profiles / LEVELS) @ masses
+    return row, profiles.shares @ masses
 
 
 def _sampled_rows(
     grid: PoseGrid, sensor: RangeSensor, bins: ReadingBins, angles: NDArray[np.float64]
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Row of each cell and direction, one row each, for a sensor of any kind."""
+    """Row of each direction and place, a row for each cell, for a sensor of any kind."""
     sub_poses = grid.sub_poses()
     n_cells, n_directions = len(grid.cells), len(angles)
     rows = np.zeros((n_cells, n_directions, len(bins)))
@@ -169,8 +115,27 @@ def _sampled_rows(
             rays = np.concatenate([sub_poses, np.full((*sub_poses.shape[:-1], 1), angle)], axis=-1)
             p = sensor.bin_probabilities(grid.terrain.grid, rays, bins)
             rows[:, d] += np.einsum("csz,cs->cz", p, weight)
-    which = np.arange(n_cells * n_directions, dtype=np.int32).reshape(n_cells, n_directions)
-    return which, rows.reshape(-1, len(bins))
+    layout = PlaneLayout(grid)
+    row = np.zeros((n_directions, layout.size), dtype=np.int32)
+    row[:, layout.place] = np.arange(n_cells * n_directions).reshape(n_cells, n_directions).T
+    return row, rows.reshape(-1, len(bins))
+
+
+def _by_use(
+    row: NDArray[np.int32], p: NDArray[np.float64], place: NDArray[np.int32]
+) -> tuple[NDArray[np.unsignedinteger], NDArray[np.float64]]:
+    """The same with the rows that are used most first, where one finds them in the fastest memory.
+
+    Args:
+        row: ``(D, P)``.
+        p: ``(R, Z)``.
+        place: ``(C,)``; where ``row`` counts.
+    """
+    used = np.bincount(row[:, place].ravel(), minlength=len(p))
+    order = np.argsort(-used, kind="stable")
+    rank = np.empty(len(p), dtype=np.uint16 if len(p) <= 2**16 else np.uint32)
+    rank[order] = np.arange(len(p))
+    return rank[row].ravel(), p[order]
 
 
 def build_reading_table(grid: PoseGrid, sensor: RangeSensor, reading_bin: float) -> ReadingTable:
@@ -191,6 +156,9 @@ def build_reading_table(grid: PoseGrid, sensor: RangeSensor, reading_bin: float)
         row, p = _expected_range_rows(grid, sensor, bins, angles)
     else:
         row, p = _sampled_rows(grid, sensor, bins, angles)
+    place = PlaneLayout(grid).place
+    planes, p = _by_use(row, p, place)
     with np.errstate(divide="ignore"):
         log_p = np.log(p).astype(np.float32)
-    return ReadingTable(bins, row, np.ascontiguousarray(log_p.T), offsets, per_heading)
+    log_p = np.ascontiguousarray(log_p.T)
+    return ReadingTable(bins, planes, place, len(centres), log_p, offsets, per_heading)

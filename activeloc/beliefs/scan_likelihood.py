@@ -14,7 +14,7 @@ from math import exp, log
 import numpy as np
 from numpy.typing import NDArray
 
-from activeloc.beliefs import histogram_kernels as kernels
+from activeloc.beliefs import plane_likelihood as kernels
 from activeloc.beliefs.reading_table import ReadingTable
 
 SPAN = 60.0  # Greatest log-range of a product: exp(-60) times the least state is a float32 still.
@@ -77,33 +77,47 @@ class ScanLikelihood:
         """Logarithm of the largest product there can be."""
         return float(self.powered.high[self.readings].sum())
 
-    def weigh(self, bel: NDArray[np.floating], live: NDArray[np.int32]) -> tuple[float, float]:
-        """Multiply a belief by the likelihood, in place.
-
-        Args:
-            bel: ``(C, K)``, overwritten; not normalised. Kept if the scan is impossible.
-            live: ``(n,)`` of cells.
+    def multiply(
+        self,
+        values: NDArray[np.floating],
+        runs: NDArray[np.int32],
+        n: int,
+        size: int,
+        first: int,
+        taps: NDArray[np.floating],
+        divisor: float,
+        out: NDArray[np.floating],
+        out_runs: NDArray[np.int32],
+        n_out: int,
+        flags: NDArray[np.uint8],
+    ) -> tuple[int, float, float]:
+        """Weigh a belief as a product, after a turn; see :func:`plane_likelihood.multiply`.
 
         Returns:
-            Its sum, 0 if no state explains the scan, and what its logarithm lacks: the log-evidence
-            is ``log(sum) + shift``.
+            How many runs there are, the sum, and what its logarithm lacks: the log-evidence is
+            ``log(sum) + shift``.
         """
-        offsets = self.table.offsets[self.beams]
-        if self.as_product:
-            shift = self._highest
-            total = kernels.multiply(
-                bel, live, self.table.row, self.powered.p, self.readings, offsets,
-                self.table.per_heading, exp(-shift),
-            )  # fmt: skip
-            return float(total), shift
-        total, shift = kernels.correct(
-            bel, live, self.table.row, self.table.log_p, self.readings, offsets,
-            self.weights, self.table.per_heading, np.empty(bel.shape),
+        table, shift = self.table, self._highest
+        n, total = kernels.multiply(
+            values, runs, n, size, first, taps, table.planes, self.powered.p, self.readings,
+            table.offsets[self.beams], table.per_heading, exp(-shift) / divisor,
+            out, out_runs, n_out, flags,
+        )  # fmt: skip
+        return n, float(total), shift
+
+    def add_logarithms(
+        self, values: NDArray[np.floating], runs: NDArray[np.int32], n: int, size: int
+    ) -> tuple[float, float]:
+        """Weigh a belief by sums of logarithms; see :func:`plane_likelihood.add_logarithms`."""
+        table = self.table
+        total, shift = kernels.add_logarithms(
+            values, runs, n, size, table.planes, table.log_p, self.readings,
+            table.offsets[self.beams], self.weights, table.per_heading,
         )  # fmt: skip
         return float(total), float(shift)
 
-    def log_mean(self, rows: NDArray[np.int32]) -> float:
-        """Logarithm of the average likelihood over states given by all their rows ``(S, B)``."""
+    def log_mean(self, rows: NDArray[np.unsignedinteger]) -> float:
+        """Logarithm of the average likelihood over states given by all their rows ``(B, S)``."""
         if self.as_product:
             mean = kernels.mean_product(
                 rows, self.beams, self.powered.p, self.readings, exp(-self._highest)

@@ -11,263 +11,109 @@ Travels come in steps of half a cell (*levels*); the filter carries the remainde
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import erf, sqrt
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import ceil, sqrt
+from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from activeloc.beliefs import travel_kernels as kernels
+from activeloc.beliefs.plane_layout import BLOCK, PlaneLayout
 from activeloc.beliefs.pose_grid import SUB, PoseGrid
+from activeloc.beliefs.sweep import Sweep
 from activeloc.motion import MARGIN, MotionNoise
-from activeloc.raycast import cast_ray
 
 UNITS = 200  # Free distances are kept in 1 / UNITS of a metre, up to 255 of them.
 TURNS = (0.0, -1.0 / 3.0, 1.0 / 3.0)  # Headings probed across a bin [bin]; the first is its centre.
-MAX_TARGETS = 40  # More cells than one travel can reach from one state.
 # Gauss-Hermite nodes of a standard normal variable, three of them, and their weights.
 _NODES = np.array([-sqrt(3.0), 0.0, sqrt(3.0)])
 _WEIGHTS = np.array([1.0, 4.0, 1.0]) / 6.0
-
-
-@njit(cache=True, nogil=True)
-def _fill_free(
-    squares: NDArray[np.uint8],
-    sub_poses: NDArray[np.float64],
-    is_open: NDArray[np.bool_],
-    angles: NDArray[np.float64],
-    unit: float,
-    free: NDArray[np.uint8],
-) -> None:
-    """Fill ``free[c, k, s]`` with the free distance in units, 255 for more.
-
-    A probe s is a sub-pose and a heading in the bin.
-
-    Args:
-        squares: ``(4, H + 2, W + 2)``; of the cells that are open to the robot's centre.
-        sub_poses: ``(C, S, 2)`` of column and row [cell].
-        is_open: ``(C, S)``; closed sub-poses get 0.
-        angles: ``(K, S)``; heading of each probe.
-        unit: Length of a unit [cell].
-        free: ``(C, K, S)``, overwritten.
-    """
-    for k in range(angles.shape[0]):
-        for s in range(angles.shape[1]):
-            dx, dy = np.cos(angles[k, s]), np.sin(angles[k, s])
-            for c in range(sub_poses.shape[0]):
-                free[c, k, s] = 0
-                if is_open[c, s]:
-                    x, y = sub_poses[c, s, 0], sub_poses[c, s, 1]
-                    z = cast_ray(squares, x, y, dx, dy, 256.0 * unit) - MARGIN
-                    free[c, k, s] = min(255, int(max(0.0, z) / unit))
-
-
-@njit(cache=True, nogil=True)
-def _fill_stencils(
-    thetas: NDArray[np.float64],
-    lattice: NDArray[np.float64],
-    turns: NDArray[np.float64],
-    lengths: NDArray[np.float64],
-    weights: NDArray[np.float64],
-    window: NDArray[np.float64],
-) -> None:
-    """Add up where a travel ends: ``window[k, s, row, col]`` around the cell it starts in.
-
-    Args:
-        thetas: ``(K,)``.
-        lattice: ``(S, 2)`` of sub-pose offsets [cell].
-        turns: ``(A,)``; equally likely headings, relative to the bin's centre [rad].
-        lengths: ``(L,)``; travels [cell], with
-        weights: ``(L,)``.
-        window: ``(K, S, 2 R + 1, 2 R + 1)``, zeros.
-    """
-    half = window.shape[2] // 2
-    share = 1.0 / (turns.shape[0] * SUB * SUB)
-    for k in range(thetas.shape[0]):
-        for t in range(turns.shape[0]):
-            dx, dy = np.cos(thetas[k] + turns[t]), np.sin(thetas[k] + turns[t])
-            for n in range(lengths.shape[0]):
-                for s in range(lattice.shape[0]):
-                    for i in range(SUB):
-                        x = lattice[s, 0] + ((i + 0.5) / SUB - 0.5) / SUB + lengths[n] * dx
-                        col = int(np.floor(x)) + half
-                        for j in range(SUB):
-                            y = lattice[s, 1] + ((j + 0.5) / SUB - 0.5) / SUB + lengths[n] * dy
-                            window[k, s, int(np.floor(y)) + half, col] += share * weights[n]
-
-
-@njit(cache=True, nogil=True)
-def _add(
-    targets: NDArray[np.int32], parts: NDArray[np.float64], n: int, cell: int, part: int, w: float
-) -> int:
-    """Add a weight to a cell's entry in a short list; returns the list's new length."""
-    for j in range(n):
-        if targets[j] == cell:
-            parts[part, j] += w
-            return n
-    if n == MAX_TARGETS:
-        parts[part, n - 1] += w
-        return n
-    targets[n] = cell
-    parts[:, n] = 0.0
-    parts[part, n] = w
-    return n + 1
-
-
-@njit(cache=True, nogil=True)
-def _at(index: NDArray[np.int32], row: int, col: int) -> int:
-    """The belief's cell at a place, -1 where it has none."""
-    inside = 0 <= row < index.shape[0] and 0 <= col < index.shape[1]
-    return index[row, col] if inside else -1
-
-
-@njit(cache=True, nogil=True)
-def _add_probe(
-    targets: NDArray[np.int32],
-    parts: NDArray[np.float64],
-    n: int,
-    cell: int,
-    row: int,
-    col: int,
-    weight: float,
-    length: float,
-    offset: NDArray[np.float64],
-    angle: float,
-    index: NDArray[np.int32],
-    step: NDArray[np.int32],
-    share: NDArray[np.float32],
-    landings: tuple[int, int],
-    reach: NDArray[np.float64],
-) -> tuple[int, bool]:
-    """Add one probe's ways to its state's row; the row's new length, and whether all were open.
-
-    Args:
-        targets: ``(MAX_TARGETS,)``; cells of the row so far.
-        parts: ``(2, MAX_TARGETS)``; their free and clipped weights.
-        n: Length of the row so far.
-        cell: The state's cell,
-        row: its row and
-        col: column.
-        weight: Of the probe in the row.
-        length: Free distance of the probe [cell].
-        offset: ``(2,)``; its place in the cell [cell].
-        angle: Its heading [rad].
-        index: ``(rows, cols)`` of cell or -1.
-        step: ``(E, 2)``; see :func:`_fill_rows`.
-        share: ``(E,)``.
-        landings: First and one past the last of the probe's entries in those.
-        reach: See :func:`_fill_rows`.
-    """
-    threshold, spread, safe, travel = reach[1:]
-    p_free = 0.5 * (1.0 + erf((length - threshold) / (spread * sqrt(2.0))))
-    landing = 0.0
-    for e in range(landings[0], landings[1]):
-        if _at(index, row + step[e, 0], col + step[e, 1]) >= 0:
-            landing += share[e]
-    # A way that is open along the probe's heading but ends on no cell of the belief.
-    if landing < 1e-3:
-        p_free = 0.0
-    if p_free > 0.0:
-        for e in range(landings[0], landings[1]):
-            there = _at(index, row + step[e, 0], col + step[e, 1])
-            if there >= 0:
-                n = _add(targets, parts, n, there, 0, weight * p_free * share[e] / landing)
-    stopped = min(length, travel)
-    stop_row = row + int(np.floor(offset[1] + stopped * np.sin(angle)))
-    stop_col = col + int(np.floor(offset[0] + stopped * np.cos(angle)))
-    there = _at(index, stop_row, stop_col)
-    n = _add(targets, parts, n, there if there >= 0 else cell, 1, weight * (1.0 - p_free))
-    return n, length >= safe and landing > 0.9999
-
-
-@njit(cache=True, nogil=True)
-def _fill_rows(
-    first: int,
-    last: int,
-    cells: NDArray[np.int32],
-    index: NDArray[np.int32],
-    is_open: NDArray[np.bool_],
-    free: NDArray[np.uint8],
-    lattice: NDArray[np.float64],
-    angles: NDArray[np.float64],
-    start: NDArray[np.int64],
-    step: NDArray[np.int32],
-    share: NDArray[np.float32],
-    reach: NDArray[np.float64],
-    size: NDArray[np.int32],
-    target: NDArray[np.int32],
-    weight: NDArray[np.float32],
-) -> int:
-    """Write the rows of cells ``first ... last - 1`` that obstacles touch; returns entries written.
-
-    A state whose every probe is open, free and lands on the belief's cells gets an empty row:
-    its transition is its heading's stencil.
-
-    Args:
-        first: First cell.
-        last: One past the last.
-        cells: ``(C, 2)`` of row and column.
-        index: ``(rows, cols)`` of cell or -1.
-        is_open: ``(C, S)``.
-        free: ``(C, K, S)`` in units.
-        lattice: ``(S, 2)`` of offsets of the probes [cell].
-        angles: ``(K, S)``; heading of each probe.
-        start: ``(K * S + 1,)``; landings of heading k from probe s, entries ``k * S + s``, of
-        step: ``(E, 2)`` of row and column steps and
-        share: ``(E,)``, summing to one per heading and probe.
-        reach: Unit, free distance that counts as open, its spread, that with no doubt open, and
-            the travel itself [cell].
-        size: ``((last - first) * K,)``, overwritten with entries per row.
-        target: Overwritten with cells.
-        weight: ``(2, ...)``, overwritten with free and clipped weights.
-    """
-    n_probes = is_open.shape[1]
-    targets = np.empty(MAX_TARGETS, dtype=np.int32)
-    parts = np.zeros((2, MAX_TARGETS))
-    written = 0
-    for c in range(first, last):
-        row, col = cells[c]
-        n_open = is_open[c].sum()
-        for k in range(angles.shape[0]):
-            n = 0
-            plain = n_open == n_probes
-            for s in range(n_probes):
-                if not is_open[c, s]:
-                    continue
-                landings = start[k * n_probes + s], start[k * n_probes + s + 1]
-                n, is_plain = _add_probe(
-                    targets, parts, n, c, row, col, 1.0 / n_open, free[c, k, s] * reach[0],
-                    lattice[s], angles[k, s], index, step, share, landings, reach,
-                )  # fmt: skip
-                plain = plain and is_plain
-            if plain:
-                n = 0
-            size[(c - first) * angles.shape[0] + k] = n
-            target[written : written + n] = targets[:n]
-            weight[:, written : written + n] = parts[:, :n]
-            written += n
-    return written
+_ROOM = 1 << 18  # Entries that are written at a time.
 
 
 @dataclass(frozen=True, eq=False)
 class Travel:
     """The transition of one travelled distance: stencils for open ground, rows beside obstacles.
 
+    Cells are known by their places in a plane (:class:`~activeloc.beliefs.plane_layout`).
+
     Attributes:
         stencil_start: ``(K + 1,)``; entries of heading k are ``stencil_start[k] : [k + 1]`` of
         stencil_step: ``(E, 2)`` of row and column steps and
         stencil_weight: ``(E,)``, summing to one per heading.
-        row_start: ``(C * K + 1,)``; entries of state ``c * K + k``; none on open ground.
-        target: ``(N,)`` of cells.
+        row_start: ``(K * C + 1,)``; entries of state ``k * C + c``; none on open ground.
+        source: ``(N,)`` of places, ascending for each heading.
+        target: ``(N,)`` of places.
         weight: ``(2, N)``: free, clipped. Summing to one per row.
+        plain: ``(K * P,)``; 1 in the states on open ground.
+        layout: Of the planes.
     """
 
     stencil_start: NDArray[np.int64]
     stencil_step: NDArray[np.int32]
     stencil_weight: NDArray[np.float32]
     row_start: NDArray[np.int64]
-    target: NDArray[np.int32]
+    source: NDArray[np.unsignedinteger]
+    target: NDArray[np.unsignedinteger]
     weight: NDArray[np.float32]
+    plain: NDArray[np.uint8]
+    layout: PlaneLayout
+    _mixed: dict[tuple[float, str], NDArray[np.floating]] = field(default_factory=dict)
+    _fours: dict[str, tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.floating]]] = field(
+        default_factory=dict
+    )
+
+    def mixed(self, floor: float, precision: str) -> NDArray[np.floating]:
+        """``(N,)``; weights where ways that an obstacle cuts short count ``floor``."""
+        if (floor, precision) not in self._mixed:
+            weight = self.weight[0] + floor * self.weight[1].astype(np.float64)
+            self._mixed[floor, precision] = weight.astype(precision)
+        return self._mixed[floor, precision]
+
+    @cached_property
+    def edge_start(self) -> NDArray[np.int64]:
+        """``(K * P / BLOCK + 1,)``; entries of the rows in each block of states."""
+        place, size = self.layout.place, self.layout.size
+        cell = np.searchsorted(place, np.arange(0, size, BLOCK))
+        state = np.arange(self.layout.headings)[:, None] * len(place) + cell
+        return np.append(self.row_start[state.ravel()], self.row_start[-1])
+
+    def fours(
+        self, precision: str
+    ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.floating]]:
+        """The stencils as starts, shifts of places and weights, filled up to fours with nothing."""
+        if precision not in self._fours:
+            self._fours[precision] = self._filled_up(precision)
+        return self._fours[precision]
+
+    def _filled_up(
+        self, precision: str
+    ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.floating]]:
+        size = np.diff(self.stencil_start)
+        start = np.append(0, (-(-size // 4) * 4).cumsum())
+        shift, weight = np.zeros(start[-1], np.int32), np.zeros(start[-1], precision)
+        owner = np.repeat(np.arange(len(size)), size)
+        at = np.arange(len(owner)) - self.stencil_start[owner] + start[owner]
+        shift[at] = self.stencil_step @ np.array([self.layout.cols, 1])
+        weight[at] = self.stencil_weight
+        return start, shift, weight
+
+    @cached_property
+    def box(self) -> NDArray[np.int32]:
+        """``(K, 4)``; what can be reached: first and last row, first column and one past the last.
+
+        Between where it starts and where a free travel ends, with a cell to spare on each side.
+        """
+        boxes = np.zeros((len(self.stencil_start) - 1, 4), np.int32)
+        for k, (first, last) in enumerate(
+            zip(self.stencil_start[:-1], self.stencil_start[1:], strict=True)
+        ):
+            low = np.minimum(self.stencil_step[first:last].min(axis=0), 0) - 1
+            high = np.maximum(self.stencil_step[first:last].max(axis=0), 0) + 1
+            boxes[k] = low[0], high[0], low[1], high[1]
+        return boxes
 
 
 class TravelTable:
@@ -282,20 +128,41 @@ class TravelTable:
         self.grid = grid
         self.noise = noise
         self.step = grid.cell_size / 2.0
-        world = grid.terrain.grid
-        # Probes: every sub-pose at every one of TURNS, the sub-poses of one heading together.
-        self._lattice = np.tile(grid.lattice, (len(TURNS), 1))
-        self._is_open = np.tile(grid.is_open, (1, len(TURNS)))
-        turns = np.repeat(TURNS, SUB * SUB) * grid.bin_width
-        self._angles = grid.thetas[:, None] + turns
-        self.free = np.empty((len(grid.cells), *self._angles.shape), dtype=np.uint8)
-        sub_poses = np.tile(world.to_cells(grid.sub_poses()), (1, len(TURNS), 1))
-        unit = 1.0 / UNITS / world.resolution
-        _fill_free(grid.terrain.squares, sub_poses, self._is_open, self._angles, unit, self.free)
-        near = (self.free < grid.cell_size * UNITS) & self._is_open[:, None, :]
-        n_open = self._is_open.sum(axis=-1)[:, None]
-        self.p_contact = (near.sum(axis=-1) / n_open).astype(np.float32)
+        self.layout = PlaneLayout(grid)
         self._levels: dict[tuple[int, int], Travel] = {}
+
+    @cached_property
+    def free(self) -> NDArray[np.uint8]:
+        """``(K, T, S, P)``; free distance of each probe in units, 255 for more.
+
+        A probe is a sub-pose at one of :data:`TURNS`. Where a sub-pose is closed it says nothing.
+        """
+        grid, world = self.grid, self.grid.terrain.grid
+        unit = 1.0 / UNITS / world.resolution
+        sweep = Sweep(grid, grid.terrain, np.arange(1, 256) * unit + MARGIN)
+        free = np.empty((grid.headings, len(TURNS), SUB * SUB, self.layout.size), dtype=np.uint8)
+        for k, theta in enumerate(grid.thetas):
+            for t, turn in enumerate(TURNS):
+                sweep.along(np.array([theta + turn * grid.bin_width]), free[k, t])
+        return free
+
+    @cached_property
+    def _is_open(self) -> NDArray[np.bool_]:
+        return np.ascontiguousarray(self.grid.is_open.T)
+
+    @cached_property
+    def near(self) -> NDArray[np.float32]:
+        """``(K * P,)``; share of each state's probes with an obstacle within a cell ahead."""
+        near = np.zeros((self.grid.headings, self.layout.size), dtype=np.float32)
+        units = ceil(self.grid.cell_size * UNITS - 1e-9)
+        kernels.count_near(self.free, self._is_open, self.layout.place, units, near)
+        return near.ravel()
+
+    @property
+    def p_contact(self) -> NDArray[np.float32]:
+        """``(C, K)``; the same by cell."""
+        near = self.near.reshape(self.grid.headings, -1)
+        return np.ascontiguousarray(near[:, self.layout.place].T)
 
     @property
     def longest_level(self) -> int:
@@ -323,49 +190,72 @@ class TravelTable:
         turns = (within[:, None] + nodes).ravel()
         lengths = (length + _NODES * spread) / grid.cell_size
         half = int(np.ceil(lengths.max())) + 1
-        window = np.zeros((grid.headings, len(self._lattice), 2 * half + 1, 2 * half + 1))
+        n_sub = SUB * SUB
+        window = np.zeros((grid.headings, len(TURNS) * n_sub, 2 * half + 1, 2 * half + 1))
         for i, turn in enumerate(TURNS):
-            part = window[:, i * SUB * SUB : (i + 1) * SUB * SUB]
+            part = window[:, i * n_sub : (i + 1) * n_sub]
             middle = turns + turn * grid.bin_width
-            _fill_stencils(grid.thetas, grid.lattice, middle, lengths, _WEIGHTS, part)
+            kernels.fill_stencils(grid.thetas, grid.lattice, middle, lengths, _WEIGHTS, part)
         start, step, weight = _sparse(window.mean(axis=1))
         # A travel is rounded to its level, so a way that is half a level short may have been open.
-        reach = (
-            np.array([1.0 / UNITS, length - self.step / 2.0, spread, length + 3.0 * spread, length])
-            / grid.cell_size
+        p_free = kernels.open_chance(
+            1.0 / UNITS, length - self.step / 2.0, spread, length + 3.0 * spread
         )
-        subs = _sparse(window.reshape(-1, *window.shape[2:]))
-        return Travel(start, step, weight, *self._rows(subs, reach))
+        reach = np.array([1.0 / UNITS, length]) / grid.cell_size
+        safe = min(255, ceil((length + 3.0 * spread) * UNITS - 1e-9))
+        rows = self._rows(window, p_free, reach, safe)
+        return Travel(start, step, weight.astype(np.float32), *rows, self.layout)
 
     def _rows(
         self,
-        landings: tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]],
+        window: NDArray[np.float64],
+        p_free: NDArray[np.float64],
         reach: NDArray[np.float64],
-    ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
-        grid, chunk = self.grid, 128
-        sizes, targets, weights = [], [], []
-        target = np.empty(chunk * grid.headings * MAX_TARGETS, dtype=np.int32)
-        weight = np.empty((2, len(target)), dtype=np.float32)
-        for first in range(0, len(grid.cells), chunk):
-            last = min(first + chunk, len(grid.cells))
-            size = np.empty((last - first) * grid.headings, dtype=np.int32)
-            n = _fill_rows(
-                first, last, grid.cells, grid.index, self._is_open, self.free, self._lattice,
-                self._angles, *landings, reach, size, target, weight,
-            )  # fmt: skip
-            sizes.append(size)
-            targets.append(target[:n].copy())
-            weights.append(weight[:, :n].copy())
-        start = np.concatenate([[0], np.concatenate(sizes).cumsum(dtype=np.int64)])
-        return start, np.concatenate(targets), np.concatenate(weights, axis=1)
+        safe: int,
+    ) -> tuple[NDArray[np.int64], NDArray[Any], NDArray[Any], NDArray[np.float32],
+               NDArray[np.uint8]]:  # fmt: skip
+        grid, layout, half = self.grid, self.layout, window.shape[2] // 2
+        exists = np.pad((grid.index >= 0).astype(np.uint8), half)
+        whole = np.zeros(layout.size, dtype=np.uint8)
+        whole[layout.place] = grid.is_open.all(axis=1)
+        plain = np.zeros((grid.headings, layout.size), dtype=np.uint8)
+        sizes = np.empty((grid.headings, len(layout.place)), dtype=np.int64)
+        small = np.dtype(np.uint16 if layout.size <= 2**16 else np.uint32)
+        target, weight = np.empty(_ROOM, small), np.empty((2, _ROOM), np.float32)
+        targets, weights, turns = [], [], np.array(TURNS) * grid.bin_width
+        held = np.empty((1 + len(TURNS), *grid.shape), dtype=np.uint8)
+        for k in range(grid.headings):
+            by_turn = window[k].reshape(len(TURNS), SUB * SUB, *window.shape[2:]).mean(axis=1)
+            start, step, share = _sparse(np.concatenate([window[k], by_turn]))
+            slot = (step + half) @ np.array([2 * half + 1, 1])
+            for t in range(len(TURNS)):
+                steps = step[start[len(window[k]) + t] : start[len(window[k]) + t + 1]]
+                kernels.fill_plain(self.free[k, t], whole, exists, steps, safe, held[1 + t])
+            held[0] = held[1:].all(axis=0)
+            plain[k, : held[0].size] = held[0].ravel()
+            first = 0
+            while first < len(layout.place):
+                first, n = kernels.fill_rows(
+                    first, self.free[k], self._is_open, layout.place, exists, held,
+                    grid.lattice, grid.thetas[k] + turns, start, slot, share,
+                    p_free, reach, sizes[k], target, weight,
+                )  # fmt: skip
+                targets.append(target[:n].copy())
+                weights.append(weight[:, :n].copy())
+        source = np.repeat(np.tile(layout.place.astype(small), grid.headings), sizes.ravel())
+        row_start = np.append(0, sizes.ravel().cumsum())
+        return (
+            row_start, source, np.concatenate(targets), np.concatenate(weights, axis=1),
+            plain.ravel(),
+        )  # fmt: skip
 
 
 def _sparse(
     window: NDArray[np.float64],
-) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]]:
     """Starts, steps and weights of the entries of ``(N, 2 R + 1, 2 R + 1)`` that are not zero."""
     heading, row, col = np.nonzero(window)
     half = window.shape[1] // 2
     start = np.searchsorted(heading, np.arange(len(window) + 1))
     step = np.column_stack([row - half, col - half]).astype(np.int32)
-    return start, step, window[heading, row, col].astype(np.float32)
+    return start, step, window[heading, row, col]

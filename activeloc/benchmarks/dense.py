@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from activeloc.beliefs import histogram_kernels as kernels
 from activeloc.beliefs.grid_tables import GridTables
+from activeloc.beliefs.plane_belief import PlaneBelief
 
 
 class DenseStep:
@@ -27,12 +27,15 @@ class DenseStep:
         self.tables, self.level = tables, level
         weights = np.exp(-0.5 * np.linspace(-2.0, 2.0, taps) ** 2)
         self.taps, self.first = weights / weights.sum(), -(taps // 2)
-        self.bel = tables.uniform.astype(np.float32)
-        self.spare = np.zeros_like(self.bel)
-        self.live = np.arange(len(self.bel), dtype=np.int32)
-        self.out_live, self.n_live = np.empty_like(self.live), len(self.live)
+        self.bel = PlaneBelief(tables, tables.uniform_planes)
         rng = np.random.default_rng(seed)
-        self.likelihood = rng.uniform(0.5, 1.0, self.bel.shape).astype(np.float32)
+        likelihood = rng.uniform(0.5, 1.0, (tables.layout.headings, tables.layout.size))
+        self.likelihood = likelihood.astype(np.float32).ravel()
+
+    @property
+    def n_states(self) -> int:
+        """States of the belief."""
+        return self.tables.layout.headings * len(self.tables.layout.place)
 
     @property
     def n_taps(self) -> float:
@@ -42,11 +45,6 @@ class DenseStep:
 
     def __call__(self) -> None:
         """bel(x) = eta p(z | x) sum over x' of p(x | u, x') bel(x')."""
-        kernels.rotate(self.bel, self.live[: self.n_live], self.first, self.taps)
-        n = self.tables.carry(
-            self.bel, self.live[: self.n_live], self.spare, self.out_live, self.level, 1, 1.0
-        )
-        self.bel, self.spare = self.spare, self.bel
-        self.live, self.out_live, self.n_live = self.out_live, self.live, n
-        left = kernels.weigh(self.bel, self.live[:n], self.likelihood, 0.0)
-        self.n_live, _ = kernels.normalise(self.bel, self.live[:n], left, 0.0)
+        self.bel.rotate(self.first, self.taps)
+        self.bel.travel(self.level, 1, 1.0)
+        self.bel.normalise(self.bel.weigh(self.likelihood, 0.0), 0.0)

@@ -13,8 +13,11 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from activeloc.beliefs import histogram_kernels as kernels
+from activeloc.beliefs import plane_kernels as kernels
+from activeloc.beliefs import plane_likelihood as likelihood
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig, turn_taps
+from activeloc.beliefs.plane_belief import PlaneBelief
+from activeloc.beliefs.plane_layout import BLOCK, find_runs
 from activeloc.errors import ConfigError, ScanError
 from activeloc.grid import OccupancyGrid
 from activeloc.maps.text import from_text
@@ -95,10 +98,11 @@ def transition_matrix(belief, u):
             move[c, k, c, k] = 1.0
             continue
         way = k if level > 0 else (k + headings // 2) % headings
-        row = slice(*travel.row_start[c * headings + way : c * headings + way + 2])
+        row = slice(*travel.row_start[way * cells + c : way * cells + c + 2])
         if row.start < row.stop:
-            np.add.at(move[c, k, :, k], travel.target[row], travel.weight[0, row].astype(float))
-            np.add.at(move[c, k, :, k], travel.target[row], travel.weight[1, row].astype(float))
+            there = poses.index.ravel()[travel.target[row]]
+            np.add.at(move[c, k, :, k], there, travel.weight[0, row].astype(float))
+            np.add.at(move[c, k, :, k], there, travel.weight[1, row].astype(float))
         else:
             entries = slice(*travel.stencil_start[way : way + 2])
             places = tuple((poses.cells[c] + travel.stencil_step[entries]).T)
@@ -187,49 +191,57 @@ def test_prediction_from_each_state_is_its_row(u):
 # --- the lectures' door --------------------------------------------------------------------------
 
 
-def sense(bel, likelihood):
-    """One look at the door through the library's kernels: states are cells, one heading."""
-    log_p = np.log(np.array([likelihood]))
-    live, score = np.arange(2, dtype=np.int32), np.empty((2, 1))
-    row = np.array([[0], [1]], dtype=np.int32)
-    total, _ = kernels.correct(
-        bel, live, row, log_p, np.zeros(1, np.int32), np.zeros(1, np.int32), np.ones(1), 1, score
-    )
-    kernels.normalise(bel, live, total, 0.0)
+def plane(bel):
+    """A sheet's values and runs: one heading, two places, the rest of a block."""
+    values = np.zeros(BLOCK)
+    values[:2] = bel
+    return values, np.array([[0, BLOCK]] * 2, dtype=np.int32), np.zeros(8, np.uint8)
+
+
+def sense(bel, p):
+    """One look at the door through the library's kernels: states are places."""
+    values, runs, flags = plane(bel)
+    row, one = np.zeros(BLOCK, dtype=np.uint16), np.zeros(1, dtype=np.int32)
+    row[1] = 1
+    _, total = likelihood.multiply(
+        values, runs, 1, BLOCK, 0, np.empty(0), row, np.array([p]), one, one, 1, 1.0,
+        values, runs, 0, flags,
+    )  # fmt: skip
+    kernels.normalise(values, runs, 1, BLOCK, total, 0.0, flags)
+    return values[:2]
 
 
 def act(bel, rows):
     """One action on the door: row x holds p(open' | x), p(closed' | x)."""
-    out, out_live = np.zeros_like(bel), np.empty(2, dtype=np.int32)
-    cells = np.array([[0, 0], [0, 1]], dtype=np.int32)
-    n = kernels.translate(
-        bel, np.arange(2, dtype=np.int32), out, out_live, 0, cells, np.array([[0, 1]], np.int32),
-        np.zeros(2, np.int64), np.zeros((0, 2), np.int32), np.zeros(0), np.array([0, 2, 4]),
-        np.array([0, 1, 0, 1], np.int32), np.array([np.ravel(rows), np.zeros(4)]), 1.0,
+    values, runs, flags = plane(bel)
+    out, out_runs, _ = plane([0.0, 0.0])
+    n, total = kernels.translate(
+        values, runs, 1, BLOCK, 0, np.empty(0), 0, 2,
+        np.zeros(2, np.int64), np.zeros(0, np.int32), np.zeros(0),
+        np.array([[0, 0, 0, 1]], np.int32), np.zeros(BLOCK, np.uint8), np.array([0, 4]),
+        np.array([0, 0, 1, 1], np.uint16), np.array([0, 1, 0, 1], np.uint16), np.ravel(rows),
+        out, out_runs, 0, flags,
     )  # fmt: skip
-    assert n == 2
-    return out
+    assert (n, total) == (1, pytest.approx(1.0, abs=1e-15))
+    return out[:2]
 
 
 def test_door_of_the_lectures():
-    bel = np.array([[0.5], [0.5]])
-    sense(bel, [0.6, 0.3])
-    np.testing.assert_allclose(bel.ravel(), [2 / 3, 1 / 3], rtol=0, atol=1e-15)
-    sense(bel, [0.5, 0.6])
-    np.testing.assert_allclose(bel.ravel(), [5 / 8, 3 / 8], rtol=0, atol=1e-15)
+    bel = sense([0.5, 0.5], [0.6, 0.3])
+    np.testing.assert_allclose(bel, [2 / 3, 1 / 3], rtol=0, atol=1e-15)
+    bel = sense(bel, [0.5, 0.6])
+    np.testing.assert_allclose(bel, [5 / 8, 3 / 8], rtol=0, atol=1e-15)
     closed = act(bel, [[0.1, 0.9], [0.0, 1.0]])
-    np.testing.assert_allclose(closed.ravel(), [1 / 16, 15 / 16], rtol=0, atol=1e-15)
-    assert (bel == 0.0).all()
+    np.testing.assert_allclose(closed, [1 / 16, 15 / 16], rtol=0, atol=1e-15)
 
 
 def test_door_of_the_book():
-    bel = np.array([[0.5], [0.5]])
-    sense(bel, [0.6, 0.2])
-    np.testing.assert_allclose(bel.ravel(), [3 / 4, 1 / 4], rtol=0, atol=1e-15)
+    bel = sense([0.5, 0.5], [0.6, 0.2])
+    np.testing.assert_allclose(bel, [3 / 4, 1 / 4], rtol=0, atol=1e-15)
     bel = act(bel, [[1.0, 0.0], [0.8, 0.2]])
-    np.testing.assert_allclose(bel.ravel(), [19 / 20, 1 / 20], rtol=0, atol=1e-15)
-    sense(bel, [0.6, 0.2])
-    np.testing.assert_allclose(bel.ravel(), [57 / 58, 1 / 58], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(bel, [19 / 20, 1 / 20], rtol=0, atol=1e-15)
+    bel = sense(bel, [0.6, 0.2])
+    np.testing.assert_allclose(bel, [57 / 58, 1 / 58], rtol=0, atol=1e-15)
 
 
 # --- turns ---------------------------------------------------------------------------------------
@@ -260,43 +272,48 @@ def test_turn_taps_are_integrals_over_bin_and_noise(turn, sigma, width):
 
 
 def test_rotation_keeps_mass_and_matches_its_definition():
-    rng = np.random.default_rng(0)
-    bel, live = rng.random((7, 10)), np.array([0, 2, 3, 6], dtype=np.int32)
-    taps = rng.dirichlet(np.ones(13))
+    """Ten planes of 32 places; what the sheet held before is gone."""
+    rng, size = np.random.default_rng(0), 2 * BLOCK
+    taps = np.append(rng.dirichlet(np.ones(13)), np.zeros(3))
     for first in (-25, -6, 0, 3, 17):
-        before, expected = bel.copy(), bel.copy()
-        expected[live] = 0.0
-        for c, k, j in product(live, range(10), range(13)):
-            expected[c, (k + first + j) % 10] += taps[j] * before[c, k]
-        kernels.rotate(bel, live, first, taps)
-        np.testing.assert_allclose(bel, expected, atol=1e-14)
-        assert bel.sum() == pytest.approx(before.sum(), abs=1e-12)
+        bel, out = np.zeros((10, size)), rng.random((10, size))
+        bel[2:5, :BLOCK], bel[9, BLOCK:] = rng.random((3, BLOCK)), rng.random(BLOCK)
+        expected, flags = np.zeros_like(bel), np.zeros(24, np.uint8)
+        for k, j in product(range(10), range(13)):
+            expected[(k + first + j) % 10] += taps[j] * bel[k]
+        runs, everything = np.empty((20, 2), np.int32), np.empty((20, 2), np.int32)
+        n = find_runs(bel.ravel(), flags, size, runs)
+        n_out = find_runs(out.ravel(), flags, size, everything)
+        assert (n, n_out) == (4, 10)
+        n_out = kernels.rotate(
+            bel.ravel(), runs, n, size, first, taps, out.ravel(), everything, n_out, flags
+        )
+        np.testing.assert_allclose(out, expected, atol=1e-14)
+        assert out.sum() == pytest.approx(bel.sum(), abs=1e-12)
+        held = np.zeros(out.size, dtype=bool)
+        for start, stop in everything[:n_out]:
+            held[start:stop] = True
+        assert not out.ravel()[~held].any()
 
 
 @pytest.mark.parametrize("level", [1, 3, 5, -4])
 def test_translation_keeps_the_mass_of_its_rows(level):
     """Before normalisation, in float64: to 1e-12 what the float32 rows say, to 1e-6 everything."""
     belief = hall()
-    track, p = belief._track(0), random_prior(belief)
-    poses, travel = belief.poses(0), track.tables.travel.level(abs(level))
+    p, tables = random_prior(belief), belief._track(0).tables
+    travel = tables.travel.level(abs(level))
     owner = np.repeat(np.arange(p.size), np.diff(travel.row_start))
     kept = np.bincount(owner, travel.weight.sum(axis=0, dtype=np.float64), p.size)
     entries = np.diff(travel.stencil_start)
     stencil = np.bincount(np.repeat(np.arange(24), entries), travel.stencil_weight, 24)
-    kept = np.where(np.diff(travel.row_start) > 0, kept, np.tile(stencil, len(p)))
-    turned = 0 if level > 0 else 12
-    kept = np.roll(kept.reshape(p.shape), -turned, axis=1)
-    bel, out = p.copy(), np.zeros_like(p)
-    out_live = np.empty(len(p), dtype=np.int32)
-    n = kernels.translate(
-        bel, np.arange(len(p), dtype=np.int32), out, out_live, turned, poses.cells, poses.index,
-        travel.stencil_start, travel.stencil_step, travel.stencil_weight, travel.row_start,
-        travel.target, travel.weight, 1.0,
-    )  # fmt: skip
-    assert out.sum() == pytest.approx((p * kept).sum(), abs=1e-7)
-    assert out.sum() == pytest.approx(1.0, abs=1e-6)
-    assert (bel == 0.0).all()
-    np.testing.assert_array_equal(np.sort(out_live[:n]), np.flatnonzero(out.any(axis=1)))
+    kept = np.where(np.diff(travel.row_start) > 0, kept, np.repeat(stencil, len(p)))
+    kept = np.roll(kept.reshape(24, -1).T, 0 if level > 0 else -12, axis=1)
+    bel = PlaneBelief.of(tables, p)
+    left = bel.travel(level, 1, 1.0)
+    assert left == pytest.approx((p * kept).sum(), abs=1e-12)
+    assert left == pytest.approx(1.0, abs=1e-6)
+    assert left == pytest.approx(bel.by_cell.sum(), abs=1e-12)
+    assert bel.sheet.values.sum() == pytest.approx(left, abs=1e-12)
 
 
 def test_small_turns_and_drives_add_up_until_they_count():
@@ -403,13 +420,15 @@ def test_the_order_of_two_scans_changes_nothing():
 
 
 def test_adding_a_constant_to_all_log_likelihoods_changes_only_the_evidence():
-    bel = np.random.default_rng(0).dirichlet(np.ones(8)).reshape(4, 2)
-    twin, live = bel.copy(), np.arange(4, dtype=np.int32)
-    row = np.arange(8, dtype=np.int32).reshape(4, 2)
-    log_p = np.log(np.random.default_rng(1).random((1, 8)))
-    arguments = np.zeros(1, np.int32), np.zeros(1, np.int32), np.ones(1), 1, np.empty((4, 2))
-    total, shift = kernels.correct(bel, live, row, log_p, *arguments)
-    far_total, far_shift = kernels.correct(twin, live, row, log_p - 5000.0, *arguments)
+    bel = np.random.default_rng(0).dirichlet(np.ones(BLOCK))
+    twin, row = bel.copy(), np.arange(BLOCK, dtype=np.uint16)
+    log_p = np.log(np.random.default_rng(1).random((1, BLOCK)))
+    runs, one = np.array([[0, BLOCK]], np.int32), np.zeros(1, np.int32)
+    arguments = one, one, np.ones(1), 1
+    total, shift = likelihood.add_logarithms(bel, runs, 1, BLOCK, row, log_p, *arguments)
+    far_total, far_shift = likelihood.add_logarithms(
+        twin, runs, 1, BLOCK, row, log_p - 5000.0, *arguments
+    )
     assert far_shift + log(far_total) == pytest.approx(shift + log(total) - 5000.0)
     np.testing.assert_allclose(twin / twin.sum(), bel / bel.sum(), rtol=1e-9)
 
@@ -419,10 +438,10 @@ def test_a_repeated_reading_counts_a_third():
     scan = np.array([np.nan, 0.8, np.nan])
     p = np.exp(plain.correct(0, scan))
     assert 0.0 < p < 1.0
-    likelihood = plain.probabilities(0) / hall().probabilities(0)
+    once = plain.probabilities(0) / hall().probabilities(0)
     rules.correct(0, scan)
     rules.correct(0, scan)
-    expected = hall().probabilities(0) * likelihood ** (4 / 3)
+    expected = hall().probabilities(0) * once ** (4 / 3)
     np.testing.assert_allclose(rules.probabilities(0), expected / expected.sum(), rtol=1e-9)
 
 

@@ -6,13 +6,8 @@ import numpy as np
 import pytest
 
 from activeloc.beliefs.pose_grid import PoseGrid
-from activeloc.beliefs.reading_table import (
-    ANGLES,
-    LEVELS,
-    PER_BIN,
-    build_reading_table,
-    directions,
-)
+from activeloc.beliefs.profiles import LEVELS
+from activeloc.beliefs.reading_table import ANGLES, PER_BIN, build_reading_table, directions
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import Terrain
 from activeloc.sensors import BeamModel, LikelihoodField, ReadingBins

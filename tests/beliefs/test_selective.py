@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from activeloc.beliefs import NEAR_ANGLE, NEAR_RADIUS
-from activeloc.beliefs import histogram_kernels as kernels
 from activeloc.beliefs.background import elsewhere_after
 from activeloc.beliefs.common_bins import entropy
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig
 from activeloc.beliefs.past import REMEMBERED
+from activeloc.beliefs.plane_belief import PlaneBelief
 from activeloc.beliefs.scan_likelihood import PoweredTable, ScanLikelihood
 from activeloc.beliefs.view import view_shares
 from activeloc.errors import ConfigError
@@ -52,6 +52,25 @@ def near(belief, grid, pose=(0.0, 3.0, 0.3), w=0.0):
     return belief
 
 
+def weighed(belief, scan_likelihood, p):
+    """``(C, K)`` after a scan, its sum, and what its logarithm lacks."""
+    bel = PlaneBelief.of(belief._track(0).tables, p)
+    total, shift = bel.read(scan_likelihood)
+    return bel.by_cell, total, shift
+
+
+def summed(p, shares, shape):
+    """``(places, headings)``; a belief ``(C, K)`` in coarser bins, from shares of its states."""
+    place, place_share, heading, heading_share = shares
+    by_heading = np.zeros((len(p), shape[1]))
+    for k, q in product(range(p.shape[1]), range(heading.shape[1])):
+        by_heading[:, heading[k, q]] += p[:, k] * heading_share[k, q]
+    out = np.zeros(shape)
+    for i in range(place.shape[1]):
+        np.add.at(out, place[:, i], place_share[:, i, None] * by_heading)
+    return out
+
+
 def walk(grid, steps, seed, kidnap=-1):
     """Start, and (u, touched, scan, pose) of each step of a robot that turns away at walls."""
     rng, robot = np.random.default_rng(seed), Simulator(1, SENSOR, MOTION)
@@ -86,7 +105,7 @@ def scans_of(seed, n):
 def likelihood_of(belief, scan, weights):
     """``(C, K)`` of p(z | x), beam by beam from the table."""
     table = belief._track(0).tables.readings
-    bins, shape = table.bins.index(scan), belief._track(0).bel.shape
+    bins, shape = table.bins.index(scan), belief.probabilities(0).shape
     p = np.ones(shape)
     for b, k in product(range(5), range(shape[1])):
         if bins[b] >= 0:
@@ -121,7 +140,6 @@ def test_the_selective_update_follows_the_full_one(flat, known):
 def test_products_of_likelihoods_are_sums_of_their_logarithms(flat):
     belief = belief_on(flat)
     tables, p = belief._track(0).tables, belief.probabilities(0)
-    everywhere = np.arange(len(p), dtype=np.int32)
     for scan in scans_of(0, 4):
         scan[3] = np.nan
         readings = tables.readings.bins.index(scan)
@@ -133,8 +151,7 @@ def test_products_of_likelihoods_are_sums_of_their_logarithms(flat):
             assert fast.as_product
             expected = p * likelihood_of(belief, np.where(weights > 0, scan, np.nan), weights)
             for one in (fast, slow):
-                bel = p.copy()
-                total, shift = one.weigh(bel, everywhere)
+                bel, total, shift = weighed(belief, one, p)
                 np.testing.assert_allclose(bel / total, expected / expected.sum(), rtol=1e-9)
                 assert log(total) + shift == pytest.approx(log(expected.sum()), abs=1e-9)
                 assert bel.sum() == pytest.approx(total, rel=1e-12)
@@ -189,16 +206,9 @@ def test_travels_and_contacts_elsewhere_are_averages_over_the_uniform(flat):
     expected = (p * (floor + (1.0 - floor) * tables.travel.p_contact)).sum()
     assert tables.background.contact(floor) == pytest.approx(expected, rel=1e-6)
     for level in (1, 4):
-        travel, out = tables.travel.level(level), np.zeros_like(p)
-        live = np.arange(len(p), dtype=np.int32)
-        kernels.translate(
-            p.copy(), live, out, live.copy(), 0, tables.poses.cells, tables.poses.index,
-            travel.stencil_start, travel.stencil_step, travel.stencil_weight, travel.row_start,
-            travel.target, travel.weight, floor,
-        )  # fmt: skip
-        assert out.sum() < 0.99
-        got = tables.background.travel(tables.travel, level, 1, floor)
-        assert got == pytest.approx(out.sum(), rel=1e-6)
+        left = PlaneBelief.of(tables, p).travel(level, 1, floor)
+        assert left < 0.99
+        assert tables.background.travel(level, 1, floor) == pytest.approx(left, rel=1e-6)
 
 
 # --- one number against the leak in every state --------------------------------------------------
@@ -336,13 +346,12 @@ def test_a_scan_without_a_reading_leaves_the_background_as_it_was(flat):
 def test_states_that_tell_nothing_go_back_into_the_background(flat):
     """No mass is lost: what the list of cells drops, the background holds."""
     belief = near(belief_on(flat, leak=1e-3), flat)
-    track = belief._track(0)
-    faint = 0.5e-3 / track.bel.size
-    track.bel[track.bel == 0.0] = faint
-    lost = faint * (track.bel == faint).sum()
-    track.bel /= track.bel.sum()
-    track.live[:], track.n_live = np.arange(len(track.bel)), len(track.bel)
-    belief._normalise(track, 1.0)
+    p = belief.probabilities(0)
+    faint = 0.5e-3 / p.size
+    p[p == 0.0] = faint
+    lost = faint * (p == faint).sum()
+    belief.reset(0, flat, p / p.sum())
+    belief._track(0).normalise(1.0)
     assert belief.live_share(0) < 0.5
     assert belief.elsewhere(0) == pytest.approx(lost / (1.0 + lost), rel=0.01)
     assert belief.probabilities(0).sum() == pytest.approx(1.0, abs=1e-12)
@@ -359,7 +368,7 @@ def test_a_belief_that_widens_knows_what_the_last_steps_said_of_elsewhere(flat):
         for i, (u, bumped, scan, _) in enumerate(steps):
             belief.predict(0, u, bumped or i == 5)
             if i == len(steps) - 1 and belief is late:
-                local = late._track(0).bel.copy()
+                local = late._track(0).bel.by_cell
                 belief.config = replace(belief.config, widen=1e-9)
             evidence = belief.correct(0, scan)
         said.append(evidence)
@@ -394,11 +403,13 @@ def test_only_the_last_steps_are_remembered_and_none_once_the_belief_is_laid_out
 def test_every_answer_counts_what_is_elsewhere(flat, w):
     belief = near(belief_on(flat), flat, w=w)
     p, poses = belief.probabilities(0), belief.poses(0)
-    tables, everywhere = belief._track(0).tables, np.arange(len(p), dtype=np.int32)
+    bins, places = belief.bins(0), belief.bins(0).shape[0] * belief.bins(0).shape[1]
+    shares = *bins.places_of(poses), *bins.headings_of(poses)
+    masses = summed(p, shares, (places, bins.n_headings))
     assert p.sum() == pytest.approx(1.0, abs=1e-12)
     for _ in range(2):  # Its workspace is left as it was found.
         summary = belief.summarise(0)
-        assert summary.entropy == pytest.approx(entropy(tables.masses(p, everywhere)), abs=1e-5)
+        assert summary.entropy == pytest.approx(entropy(masses), abs=1e-5)
     for pose in ([*summary.estimate], [4.2, 5.1, 1.0], [-0.9, 2.1, -3.1], [70.0, -50.0, 0.0]):
         pose = np.array(pose)
         offset = np.hypot(*(poses.centres - pose[:2]).T) <= NEAR_RADIUS
@@ -406,8 +417,7 @@ def test_every_answer_counts_what_is_elsewhere(flat, w):
         expected = p[np.ix_(offset, turn)].sum()
         assert belief.mass_near(0, pose) == pytest.approx(expected, abs=1e-9)
     assert summary.mass == pytest.approx(belief.mass_near(0, summary.estimate), abs=1e-12)
-    out = np.zeros((6 * 8, 12))
-    kernels.bin_masses(p, everywhere, *view_shares(poses, 12, 6, 8), out)
+    out = summed(p, view_shares(poses, 12, 6, 8), (6 * 8, 12))
     view = belief.view(0, 12, 6, 8)
     np.testing.assert_allclose(view, out.T.reshape(12, 6, 8), atol=1e-8)
     assert view.sum() == pytest.approx(1.0, abs=1e-6)

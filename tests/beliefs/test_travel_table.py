@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from activeloc.beliefs import histogram_kernels as kernels
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig, turn_taps
+from activeloc.beliefs.plane_belief import PlaneBelief
 from activeloc.beliefs.pose_grid import PoseGrid
-from activeloc.beliefs.travel_table import MAX_TARGETS, TURNS, TravelTable
+from activeloc.beliefs.travel_table import TURNS, TravelTable
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import MotionModel, MotionNoise, Terrain, move
 from activeloc.sensors import BeamModel
@@ -55,26 +55,32 @@ GRIDS = [(building, 0.2, 72), (lumber_room, 0.2, 72), (building, 0.1, 24), (lumb
 def test_every_state_keeps_its_mass_on_the_cells_of_the_belief(world, cell_size, headings):
     poses = PoseGrid(Terrain(world(), 0.2), cell_size, headings)
     table = TravelTable(poses, MOTION.odometry)
-    rows, cols = poses.shape
+    (rows, cols), n_cells = poses.shape, len(poses.cells)
     for level in range(1, min(9, table.longest_level + 1)):
         travel = table.level(level)
         size = np.diff(travel.row_start)
-        assert len(size) == len(poses.cells) * headings
-        assert size.max() < MAX_TARGETS
-        # Beside obstacles: rows sum to one, on cells that exist.
+        assert len(size) == n_cells * headings
+        # Beside obstacles: rows sum to one, from and to cells that exist, within the box.
         owner = np.repeat(np.arange(len(size)), size)
         sums = np.bincount(owner, travel.weight.sum(axis=0, dtype=np.float64), len(size))
         np.testing.assert_allclose(sums[size > 0], 1.0, atol=1e-6)
         assert travel.weight.min() >= 0.0
-        assert travel.target.min() >= 0
-        assert travel.target.max() < len(poses.cells)
+        start, end = poses.cells[owner % n_cells], np.divmod(travel.target, cols)
+        np.testing.assert_array_equal(travel.source, start @ (cols, 1))
+        assert poses.index[end].min() >= 0
+        low_row, high_row, low_col, high_col = travel.box[owner // n_cells].T
+        assert ((end[0] >= start[:, 0] + low_row) & (end[0] <= start[:, 0] + high_row)).all()
+        assert ((end[1] >= start[:, 1] + low_col) & (end[1] < start[:, 1] + high_col)).all()
         # On open ground: stencils sum to one, and every entry lands on a cell of the belief.
         entries = np.diff(travel.stencil_start)
         weights = np.bincount(
             np.repeat(np.arange(headings), entries), travel.stencil_weight, headings
         )
         np.testing.assert_allclose(weights, 1.0, atol=1e-6)
-        cell, heading = np.divmod(np.flatnonzero(size == 0), headings)
+        plain = travel.plain.reshape(headings, -1)
+        np.testing.assert_array_equal(plain[:, travel.layout.place].ravel() == 0, size > 0)
+        assert plain.sum() == (size == 0).sum()
+        heading, cell = np.divmod(np.flatnonzero(size == 0), n_cells)
         for k in range(headings):
             start = poses.cells[cell[heading == k]]
             steps = travel.stencil_step[travel.stencil_start[k] : travel.stencil_start[k + 1]]
@@ -97,7 +103,8 @@ def test_nothing_travels_through_a_wall_or_too_far(level, radius, leak):
     poses = PoseGrid(Terrain(OccupancyGrid(cells, 0.05), radius), 0.2, 24)
     travel = TravelTable(poses, MOTION.odometry).level(level)
     owner = np.repeat(np.arange(len(travel.row_start) - 1), np.diff(travel.row_start))
-    start, end = poses.cells[owner // 24], poses.cells[travel.target]
+    start = poses.cells[owner % len(poses.cells)]
+    end = np.column_stack(np.divmod(travel.target.astype(int), poses.shape[1]))
     weight = travel.weight.sum(axis=0)
     far = np.hypot(*((end - start) * poses.cell_size).T)
     assert far[weight > 0].max() <= level * 0.1 * 1.15 + 0.2 * np.sqrt(2) + 1e-9
@@ -108,21 +115,21 @@ def test_nothing_travels_through_a_wall_or_too_far(level, radius, leak):
 def test_free_distances_are_those_of_a_march():
     poses = PoseGrid(Terrain(building(), 0.2), 0.2, 24)
     table = TravelTable(poses, MOTION.odometry)
-    assert table.free.shape == (len(poses.cells), 24, 48)
+    assert table.free.shape == (24, 3, 16, table.layout.size)
     assert sorted(TURNS) == pytest.approx([-1 / 3, 0.0, 1 / 3])
     subs, rng = poses.sub_poses(), np.random.default_rng(0)
     reach = np.arange(0.0, 1.3, 0.0025)
     for _ in range(200):
-        c, k, s = rng.integers(len(poses.cells)), rng.integers(24), rng.integers(48)
-        turn, sub = divmod(s, 16)
+        c, k = rng.integers(len(poses.cells)), rng.integers(24)
+        turn, sub = divmod(rng.integers(48), 16)
         if not poses.is_open[c, sub]:
-            assert table.free[c, k, s] == 0
             continue
         theta = poses.thetas[k] + TURNS[turn] * poses.bin_width
         way = np.array([np.cos(theta), np.sin(theta)])
         stopped = ~poses.terrain.contains(subs[c, sub] + reach[:, None] * way)
         first = reach[stopped.argmax()] if stopped.any() else 1.3
-        assert table.free[c, k, s] / 200 == pytest.approx(min(first, 255 / 200), abs=0.0101)
+        free = table.free[k, turn, sub, table.layout.place[c]]
+        assert free / 200 == pytest.approx(min(first, 255 / 200), abs=0.0101)
 
 
 def test_contact_is_the_share_of_probes_with_a_wall_within_a_cell():
@@ -213,10 +220,10 @@ class Oracle:
         self.belief.reset(0, building(), prior)
         self.belief.predict(0, u, touched)
         bel, track = self.belief.probabilities(0), self.belief._track(0)
-        live = np.arange(len(bel), dtype=np.int32)
         noise = np.sqrt(track.left_over[2])
-        kernels.rotate(bel, live, *turn_taps(0.0, noise, track.tables.poses.bin_width))
-        return bel
+        bel = PlaneBelief.of(track.tables, bel)
+        bel.rotate(*turn_taps(0.0, noise, track.tables.poses.bin_width))
+        return bel.by_cell
 
     def distance(self, cell, heading, u, touched=False):
         """Total variation over (cell, heading), over cells alone, over headings alone."""
@@ -248,7 +255,7 @@ class Oracle:
             touched = bool(motion.touched(command, u))
             u = np.array([0.0, round(u[1] / 0.1) * 0.1, 0.0])
             kind = "free" if not touched else "partly" if u[1] > 0.05 else "refused"
-            if kind == "free" and plain[cell * poses.headings + heading]:
+            if kind == "free" and plain[heading * len(poses.cells) + cell]:
                 kind, u = "open", np.array([0.0, 0.5, 0.0])
             if len(found[kind]) < wanted[kind]:
                 found[kind].append((cell, heading, u, touched))

@@ -8,7 +8,8 @@ import pytest
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig
 from activeloc.beliefs.particles import ParticleBelief, ParticleConfig
 from activeloc.beliefs.pose_grid import PoseGrid
-from activeloc.beliefs.reading_table import ANGLES, LEVELS, PER_BIN, build_reading_table
+from activeloc.beliefs.profiles import LEVELS
+from activeloc.beliefs.reading_table import ANGLES, PER_BIN, build_reading_table
 from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import MotionModel, Terrain

@@ -63,8 +63,8 @@ def _against_a_blur(settings: Settings) -> Iterator[Row]:
 
     calls: dict[str, Call | Prepared] = {"ours": step, "scipy": blur}
     seconds = alternate(calls, budget=settings.budget, rounds=settings.rounds)
-    ours = 1e3 * seconds["ours"] * (bel.size / step.bel.size)
-    note = f"5 heading taps, {step.n_taps:.0f} of travel; {step.bel.size:,} states, scaled"
+    ours = 1e3 * seconds["ours"] * (bel.size / step.n_states)
+    note = f"5 heading taps, {step.n_taps:.0f} of travel; {step.n_states:,} states, scaled"
     yield Row.of(
         "histogram", f"likelihood ready, {side}x{side}x{headings}", "ms", ours,
         "scipy gaussian_filter, radius 2", 1e3 * seconds["scipy"], ratio_at_most(1.0 / 7.0), note,

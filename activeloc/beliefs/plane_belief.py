@@ -1,0 +1,266 @@
+"""One robot's belief in planes, and what a step does to it.
+
+A belief of a whole map is gone through in milliseconds, most of them spent on fetching it. So what
+can wait is done on the way of the next pass: a turn waits for the travel, scan or question that
+comes after it, and so does a division by a sum. A belief need not sum to one in between: each
+method says what is left, and :meth:`~PlaneBelief.normalise` or :meth:`~PlaneBelief.divide` brings
+it back.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activeloc.beliefs import plane_kernels as kernels
+from activeloc.beliefs import plane_poses as found
+from activeloc.beliefs import plane_summary as summary
+from activeloc.beliefs.coarse import CoarseBins
+from activeloc.beliefs.grid_tables import GridTables
+from activeloc.beliefs.plane_layout import Sheet, clear_runs, find_runs
+from activeloc.beliefs.scan_likelihood import ScanLikelihood
+
+_NOTHING, _NO_TURN = np.empty((0, 0)), np.empty(0)
+
+
+class PlaneBelief:
+    """A belief over the states of a map.
+
+    Args:
+        tables: Of the map.
+        values: ``(K * P,)``, copied; nothing anywhere if None.
+    """
+
+    __slots__ = ("_divisor", "_first", "_sheet", "_taps", "tables")
+
+    def __init__(self, tables: GridTables, values: NDArray[np.floating] | None = None) -> None:
+        self.tables = tables
+        self._sheet = tables.take()
+        self._divisor, self._first, self._taps = 1.0, 0, _NO_TURN
+        if values is None:
+            clear_runs(self._sheet.values, self._sheet.runs, self._sheet.n)
+            self._sheet.n = 0
+        else:
+            self._sheet.values[:] = values
+            self._find()
+
+    @classmethod
+    def of(cls, tables: GridTables, bel: NDArray[np.floating]) -> PlaneBelief:
+        """From ``(C, K)``."""
+        return cls(tables, tables.layout.laid_out(bel, tables.precision))
+
+    def copy(self) -> PlaneBelief:
+        """An independent copy."""
+        twin = PlaneBelief(self.tables)
+        self._sheet.copy_to(twin._sheet)
+        twin._divisor, twin._first, twin._taps = self._divisor, self._first, self._taps
+        return twin
+
+    def drop(self) -> None:
+        """Give the memory back; the belief is not to be used any more."""
+        self.tables.give(self._sheet)
+
+    @property
+    def by_cell(self) -> NDArray[np.floating]:
+        """``(C, K)``, a copy."""
+        return self.tables.layout.by_cell(self.sheet.values)
+
+    @property
+    def sheet(self) -> Sheet:
+        """What the belief is, nothing waiting."""
+        sheet = self._sheet
+        if len(self._taps):
+            to, taps = self.tables.take(), self._waiting_taps()
+            to.n = kernels.rotate(
+                sheet.values, sheet.runs, sheet.n, self.tables.layout.size, self._first, taps,
+                to.values, to.runs, to.n, to.flags,
+            )  # fmt: skip
+            self._replace(to)
+        elif self._divisor != 1.0:
+            kernels.scale(sheet.values, sheet.runs, sheet.n, 1.0 / self._divisor)
+            self._divisor = 1.0
+        return self._sheet
+
+    def _waiting_taps(self) -> NDArray[np.floating]:
+        """``(J,)``; weights of the turn that waits, divided, filled up to fours; none if none."""
+        taps = np.zeros(-(-len(self._taps) // 4) * 4, dtype=self.tables.precision)
+        taps[: len(self._taps)] = self._taps / self._divisor
+        return taps
+
+    def _replace(self, sheet: Sheet) -> None:
+        """Go over to another sheet, on which nothing waits."""
+        self.tables.give(self._sheet)
+        self._sheet, self._taps, self._divisor = sheet, _NO_TURN, 1.0
+
+    def _find(self) -> None:
+        """Look where the mass is."""
+        sheet = self._sheet
+        sheet.n = find_runs(sheet.values, sheet.flags, self.tables.layout.size, sheet.runs)
+
+    def rotate(self, first: int, taps: NDArray[np.float64]) -> None:
+        """Turn by so many bins with each of the weights ``(J,)``."""
+        if len(self._taps):
+            first, taps = self._first + first, np.convolve(self._taps, taps)
+        self._first, self._taps = first, taps
+        if len(taps) > self.tables.layout.headings:
+            _ = self.sheet
+
+    def travel(self, level: int, hops: int, floor: float) -> float:
+        """Travel ``level`` half cells, back if negative; returns the mass that is left.
+
+        Args:
+            level: Length of the travel,
+            hops: one of as many equal parts.
+            floor: Weight of ways that an obstacle cuts short, in [0, 1].
+        """
+        tables, layout, precision = self.tables, self.tables.layout, self.tables.precision
+        travel = tables.travel.level(abs(level), hops)
+        of, to, divisor = self._sheet, tables.take(), self._divisor
+        start, shift, weight = travel.fours(precision)
+        turns = len(self._taps) > 0
+        to.n, mass = kernels.translate(
+            of.values, of.runs, of.n, layout.size, self._first, self._waiting_taps(),
+            0 if level > 0 else layout.headings // 2, layout.cols,
+            start, shift, weight, travel.box, travel.plain, travel.edge_start,
+            travel.source, travel.target, travel.mixed(floor, precision),
+            to.values, to.runs, to.n, to.flags,
+        )  # fmt: skip
+        self._replace(to)
+        if turns:
+            return float(mass)
+        self._divisor = divisor
+        return float(mass) / divisor
+
+    def weigh(self, factor: NDArray[np.floating], floor: float) -> float:
+        """Multiply by ``floor + (1 - floor) factor`` ``(K * P,)``; returns what is left."""
+        sheet = self.sheet
+        return float(kernels.weigh(sheet.values, sheet.runs, sheet.n, factor, floor))
+
+    def touch(self, floor: float) -> float:
+        """Weigh by a contact, felt with probability ``floor`` without an obstacle."""
+        return self.weigh(self.tables.travel.near, floor)
+
+    def read(self, scan: ScanLikelihood) -> tuple[float, float]:
+        """Weigh by a scan; kept if it is impossible.
+
+        Returns:
+            The sum, 0 if no state explains the scan, and what its logarithm lacks: the log-evidence
+            is ``log(sum) + shift``.
+        """
+        size = self.tables.layout.size
+        if not scan.as_product:
+            sheet = self.sheet
+            return scan.add_logarithms(sheet.values, sheet.runs, sheet.n, size)
+        of, taps = self._sheet, self._waiting_taps()
+        to = self.tables.take() if len(taps) else of
+        divisor = 1.0 if len(taps) else self._divisor
+        to.n, total, shift = scan.multiply(
+            of.values, of.runs, of.n, size, self._first, taps, divisor,
+            to.values, to.runs, to.n, to.flags,
+        )  # fmt: skip
+        if to is not of:
+            self._replace(to)
+        self._divisor = 1.0
+        return total, shift
+
+    def mass(self) -> float:
+        """Sum of it all."""
+        sheet = self.sheet
+        return float(kernels.total(sheet.values, sheet.runs, sheet.n))
+
+    def divide(self, mass: float) -> None:
+        """Divide by ``mass``."""
+        self._divisor *= mass
+
+    def scale(self, factor: float) -> None:
+        """Multiply by a factor."""
+        kernels.scale(self.sheet.values, self.sheet.runs, self.sheet.n, factor)
+
+    def add(self, other: PlaneBelief, share: float) -> None:
+        """Add a share of another belief."""
+        of, to = other.sheet, self.sheet
+        to.n = kernels.add(
+            to.values, to.runs, to.n, of.values, of.runs, of.n, share,
+            self.tables.layout.size, to.flags,
+        )  # fmt: skip
+
+    def add_uniform(self, keep: float, mass: float) -> None:
+        """Keep a share of what there is, and add a mass spread over the open ground."""
+        values = self.sheet.values
+        values *= keep
+        values += self.tables.uniform_planes * mass
+        self._find()
+
+    def normalise(self, mass: float, least: float) -> float:
+        """Divide by ``mass``, its sum, and drop states under ``least``; returns what was kept."""
+        if least == 0.0:
+            self.divide(mass)
+            return 1.0
+        sheet = self._sheet if not len(self._taps) else self.sheet
+        sheet.n, kept = kernels.normalise(
+            sheet.values, sheet.runs, sheet.n, self.tables.layout.size, mass * self._divisor,
+            least, sheet.flags,
+        )  # fmt: skip
+        self._divisor = 1.0
+        return float(kept)
+
+    def cells_held(self, enough: int) -> int:
+        """How many cells hold any mass; counts no further than a little over ``enough``."""
+        sheet, size = self._sheet, self.tables.layout.size
+        return int(kernels.places_held(sheet.values, sheet.runs, sheet.n, size, enough))
+
+    def entropy(self, w: float) -> float:
+        """On the common bins, mixed with so much of the uniform [nat]."""
+        tables = self.tables
+        return self._fold(tables.coarse, w, tables.uniform_masses, _NOTHING)
+
+    def masses(self, bins: CoarseBins) -> NDArray[np.float64]:
+        """``(Y * X, H)``; summed in coarser bins."""
+        out = np.empty((bins.shape[0] * bins.shape[1], len(bins.headings)))
+        self._fold(bins, 0.0, _NOTHING, out)
+        return out
+
+    def _fold(
+        self, bins: CoarseBins, w: float, uniform: NDArray[np.float64], out: NDArray[np.float64]
+    ) -> float:
+        sheet, layout = self.sheet, self.tables.layout
+        nats: float = summary.fold(
+            sheet.values, sheet.runs, sheet.n, layout.size, layout.cols, bins.headings,
+            bins.row_bins, bins.row_shares, bins.col_first, bins.col_shares,
+            w, uniform, self.tables.uniform_entropy, out,
+        )  # fmt: skip
+        return nats
+
+    def estimate(self, radius: float, angle: float) -> tuple[NDArray[np.float64], float]:
+        """The mean of the mass around the mode ``(3,)``, and the mass around that.
+
+        Args:
+            radius: How far around [m], and
+            angle: [rad].
+        """
+        sheet, tables, out = self.sheet, self.tables, np.empty(4)
+        bits = sheet.values.view(np.int32 if sheet.values.dtype == np.float32 else np.int64)
+        mode = found.most_likely(bits, sheet.runs, sheet.n)
+        poses = tables.poses
+        found.estimate(
+            sheet.values, tables.layout.size, poses.index, poses.centres, poses.thetas,
+            tables.frame, mode, radius, angle, out,
+        )  # fmt: skip
+        return out[:3], float(out[3])
+
+    def near(self, pose: NDArray[np.float64], radius: float, angle: float) -> float:
+        """Mass around a pose ``(3,)``."""
+        poses, out = self.tables.poses, np.empty(4)
+        sheet = self.sheet
+        found.near(
+            sheet.values, self.tables.layout.size, poses.index, poses.centres, poses.thetas,
+            self.tables.frame, pose, radius, angle, out,
+        )  # fmt: skip
+        return float(out[0])
+
+    def at_shares(self, shares: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+        """Cells and heading bins at ascending shares ``(N,)`` in [0, 1) of the mass."""
+        sheet, states = self.sheet, np.empty(len(shares), dtype=np.int64)
+        found.at_shares(sheet.values, sheet.runs, sheet.n, shares, states)
+        heading, place = np.divmod(states, self.tables.layout.size)
+        return self.tables.poses.index.ravel()[place], heading

@@ -1,0 +1,448 @@
+"""Kernels of the histogram filter on planes: motion and evidence, for one robot.
+
+A belief is ``values`` and its ``runs`` (:mod:`activeloc.beliefs.plane_layout`); ``size`` is P.
+Kernels draw nothing, raise nothing and return what a caller needs to know as numbers. Sums over
+many states are kept in float64, one for each place within a run, and added up in that order: the
+compiler may do several places at once and every machine gets the same bits.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from activeloc.beliefs.plane_layout import BLOCK, CHUNK, by_chunk, clear_rest, collect, mark
+
+
+@njit(cache=True, nogil=True)
+def _blend(
+    out: NDArray[np.float32],
+    first: bool,
+    a: NDArray[np.float32],
+    b: NDArray[np.float32],
+    c: NDArray[np.float32],
+    d: NDArray[np.float32],
+    weights: NDArray[np.float32],
+) -> None:
+    """Set ``out`` to, or unless it is the first add, a weighted sum of four stretches as long."""
+    wa, wb, wc, wd = weights[0], weights[1], weights[2], weights[3]
+    if first:
+        for i in range(out.shape[0]):
+            out[i] = (wa * a[i] + wb * b[i]) + (wc * c[i] + wd * d[i])
+    else:
+        for i in range(out.shape[0]):
+            out[i] += (wa * a[i] + wb * b[i]) + (wc * c[i] + wd * d[i])
+
+
+@njit(cache=True, nogil=True)
+def mark_turned(
+    runs: NDArray[np.int32],
+    n: int,
+    size: int,
+    n_headings: int,
+    first: int,
+    taps: NDArray[np.float32],
+    flags: NDArray[np.uint8],
+) -> None:
+    """Flag what a turn reaches; see :func:`rotate`."""
+    for r in range(n):
+        k = runs[r, 0] // size
+        for j in range(taps.shape[0]):
+            if taps[j] != 0.0:
+                there = ((k + first + j) % n_headings - k) * size
+                mark(flags, runs[r, 0] + there, runs[r, 1] + there)
+
+
+@njit(cache=True, nogil=True)
+def turn_run(
+    values: NDArray[np.float32],
+    size: int,
+    start: int,
+    first: int,
+    taps: NDArray[np.float32],
+    out: NDArray[np.float32],
+) -> None:
+    """One run of a turned belief, from state ``start`` on; see :func:`rotate`."""
+    n_headings, length = values.shape[0] // size, out.shape[0]
+    k = start // size
+    start -= k * size
+    for j in range(0, taps.shape[0], 4):
+        a = ((k - first - j) % n_headings) * size + start
+        b = ((k - first - j - 1) % n_headings) * size + start
+        c = ((k - first - j - 2) % n_headings) * size + start
+        d = ((k - first - j - 3) % n_headings) * size + start
+        _blend(
+            out, j == 0, values[a : a + length], values[b : b + length],
+            values[c : c + length], values[d : d + length], taps[j : j + 4],
+        )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def rotate(
+    values: NDArray[np.float32],
+    runs: NDArray[np.int32],
+    n: int,
+    size: int,
+    first: int,
+    taps: NDArray[np.float32],
+    out: NDArray[np.float32],
+    out_runs: NDArray[np.int32],
+    n_out: int,
+    flags: NDArray[np.uint8],
+) -> int:
+    """out(k) = sum over j of taps[j] values(k - first - j), plane by plane around the circle.
+
+    Args:
+        values: ``(K * P,)``.
+        runs: Of ``values``, the first n.
+        n: How many.
+        size: P.
+        first: Shift of the first tap [bin].
+        taps: ``(J,)``, of the belief's precision, J a multiple of four.
+        out: ``(K * P,)``, overwritten.
+        out_runs: What ``out`` holds before; overwritten with what it holds afterwards.
+        n_out: How many runs that was.
+        flags: Zeros.
+
+    Returns:
+        How many runs ``out`` has.
+    """
+    mark_turned(runs, n, size, values.shape[0] // size, first, taps, flags)
+    clear_rest(out, out_runs, n_out, flags)
+    n_out = collect(flags, size, out_runs)
+    order = by_chunk(out_runs, n_out, size)
+    for r in order:
+        turn_run(values, size, out_runs[r, 0], first, taps, out[out_runs[r, 0] : out_runs[r, 1]])
+    return n_out
+
+
+@njit(cache=True, nogil=True)
+def _mark_travelled(
+    runs: NDArray[np.int32],
+    n: int,
+    size: int,
+    n_headings: int,
+    turned: int,
+    cols: int,
+    box: NDArray[np.int32],
+    flags: NDArray[np.uint8],
+) -> None:
+    """Flag what a travel reaches; see :func:`translate`."""
+    for r in range(n):
+        k = runs[r, 0] // size
+        way, low, high = (k + turned) % n_headings, k * size, (k + 1) * size
+        for row in range(box[way, 0], box[way, 1] + 1):
+            first = max(low, runs[r, 0] + row * cols + box[way, 2])
+            last = min(high, runs[r, 1] + row * cols + box[way, 3])
+            if first < last:
+                mark(flags, first, last)
+
+
+@njit(cache=True, nogil=True)
+def translate(
+    values: NDArray[np.float32],
+    runs: NDArray[np.int32],
+    n: int,
+    size: int,
+    first: int,
+    taps: NDArray[np.float32],
+    turned: int,
+    cols: int,
+    stencil_start: NDArray[np.int64],
+    stencil_shift: NDArray[np.int32],
+    stencil_weight: NDArray[np.float32],
+    box: NDArray[np.int32],
+    plain: NDArray[np.uint8],
+    edge_start: NDArray[np.int64],
+    source: NDArray[np.uint16],
+    target: NDArray[np.uint16],
+    weight: NDArray[np.float32],
+    out: NDArray[np.float32],
+    out_runs: NDArray[np.int32],
+    n_out: int,
+    flags: NDArray[np.uint8],
+) -> tuple[int, float]:
+    """out(x') = sum over x of p(x' | x) values(x), after a turn; plane by plane.
+
+    Args:
+        values: ``(K * P,)``.
+        runs: Of ``values``, the first n.
+        n: How many.
+        size: P.
+        first: Of the turn, and
+        taps: ``(J,)``; see :func:`rotate`. No turn if there is none.
+        turned: Heading bins between the robot's heading and the way it travels: 0, or K / 2 back.
+        cols: Places in a row.
+        stencil_start: ``(K + 1,)``; see :class:`activeloc.beliefs.travel_table.Travel` for these.
+        stencil_shift: ``(E,)``.
+        stencil_weight: ``(E,)``.
+        box: ``(K, 4)``.
+        plain: ``(K * P,)``.
+        edge_start: ``(K * P / BLOCK + 1,)``.
+        source: ``(N,)``.
+        target: ``(N,)``.
+        weight: ``(N,)``.
+        out: ``(K * P,)``, overwritten.
+        out_runs: What ``out`` holds before; overwritten with what it holds afterwards.
+        n_out: How many runs that was.
+        flags: Zeros.
+
+    Returns:
+        How many runs ``out`` has, and its sum.
+    """
+    n_headings, zero = values.shape[0] // size, values.dtype.type(0)
+    if taps.shape[0] > 0:
+        mark_turned(runs, n, size, n_headings, first, taps, flags)
+        runs = np.empty_like(out_runs)
+        n = collect(flags, size, runs)
+    _mark_travelled(runs, n, size, n_headings, turned, cols, box, flags)
+    clear_rest(out, out_runs, n_out, flags)
+    n_out = collect(flags, size, out_runs)
+    margin = 0
+    for e in range(stencil_shift.shape[0]):
+        margin = max(margin, abs(stencil_shift[e]))
+    open_ground = np.zeros(size + 2 * margin, dtype=values.dtype)
+    plane, sums = np.empty(size, dtype=values.dtype), np.zeros(CHUNK)
+    r, o = 0, 0
+    while r < n:
+        k = runs[r, 0] // size
+        way, low, begin, written = (k + turned) % n_headings, k * size, r, o
+        here = values[low : low + size] if taps.shape[0] == 0 else plane
+        while r < n and runs[r, 0] < low + size:
+            start, stop = runs[r, 0] - low, runs[r, 1] - low
+            if taps.shape[0] > 0:
+                turn_run(values, size, runs[r, 0], first, taps, here[start:stop])
+            to, of = open_ground[start + margin : stop + margin], here[start:stop]
+            kept = plain[way * size + start : way * size + stop]
+            for i in range(to.shape[0]):
+                to[i] = of[i] if kept[i] != 0 else zero
+            r += 1
+        while o < n_out and out_runs[o, 0] < low + size:
+            _gather(
+                out[out_runs[o, 0] : out_runs[o, 1]], open_ground, out_runs[o, 0] - low + margin,
+                stencil_shift[stencil_start[way] : stencil_start[way + 1]],
+                stencil_weight[stencil_start[way] : stencil_start[way + 1]],
+            )  # fmt: skip
+            o += 1
+        there = out[low : low + size]
+        for i in range(begin, r):
+            start, stop = runs[i, 0] - low, runs[i, 1] - low
+            open_ground[start + margin : stop + margin] = zero
+            edges = (
+                edge_start[(way * size + start) // BLOCK],
+                edge_start[(way * size + stop) // BLOCK],
+            )
+            for e in range(np.uint64(edges[0]), np.uint64(edges[1])):
+                there[target[e]] += here[source[e]] * weight[e]
+        for i in range(written, o):
+            of = out[out_runs[i, 0] : out_runs[i, 1]]
+            for j in range(of.shape[0]):
+                sums[j] += of[j]
+    return n_out, sums.sum()
+
+
+@njit(cache=True, nogil=True)
+def _gather(
+    out: NDArray[np.float32],
+    plane: NDArray[np.float32],
+    at: int,
+    shifts: NDArray[np.int32],
+    weights: NDArray[np.float32],
+) -> None:
+    """out[i] = sum over e of weights[e] plane[at + i - shifts[e]]; entries come in fours."""
+    length = out.shape[0]
+    for e in range(0, shifts.shape[0], 4):
+        a, b, c, d = at - shifts[e], at - shifts[e + 1], at - shifts[e + 2], at - shifts[e + 3]
+        _blend(
+            out, e == 0, plane[a : a + length], plane[b : b + length],
+            plane[c : c + length], plane[d : d + length], weights[e : e + 4],
+        )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def total(values: NDArray[np.float32], runs: NDArray[np.int32], n: int) -> float:
+    """Sum of a belief."""
+    sums = np.zeros(CHUNK)
+    for r in range(n):
+        of = values[runs[r, 0] : runs[r, 1]]
+        for i in range(of.shape[0]):
+            sums[i] += of[i]
+    return sums.sum()
+
+
+@njit(cache=True, nogil=True)
+def scale(values: NDArray[np.float32], runs: NDArray[np.int32], n: int, factor: float) -> None:
+    """Multiply a belief by a factor."""
+    by = values.dtype.type(factor)
+    for r in range(n):
+        of = values[runs[r, 0] : runs[r, 1]]
+        for i in range(of.shape[0]):
+            of[i] *= by
+
+
+@njit(cache=True, nogil=True)
+def add(
+    values: NDArray[np.float32],
+    runs: NDArray[np.int32],
+    n: int,
+    other: NDArray[np.float32],
+    other_runs: NDArray[np.int32],
+    n_other: int,
+    share: float,
+    size: int,
+    flags: NDArray[np.uint8],
+) -> int:
+    """Add a share of another belief, in place; returns how many runs ``values`` has.
+
+    Args:
+        values: ``(K * P,)``, overwritten.
+        runs: Of ``values``, overwritten.
+        n: How many.
+        other: ``(K * P,)``.
+        other_runs: Of ``other``.
+        n_other: How many.
+        share: Of it.
+        size: P.
+        flags: Zeros.
+    """
+    by = values.dtype.type(share)
+    for r in range(n):
+        mark(flags, runs[r, 0], runs[r, 1])
+    for r in range(n_other):
+        mark(flags, other_runs[r, 0], other_runs[r, 1])
+        to = values[other_runs[r, 0] : other_runs[r, 1]]
+        of = other[other_runs[r, 0] : other_runs[r, 1]]
+        for i in range(to.shape[0]):
+            to[i] += by * of[i]
+    return collect(flags, size, runs)
+
+
+@njit(cache=True, nogil=True)
+def weigh(
+    values: NDArray[np.float32],
+    runs: NDArray[np.int32],
+    n: int,
+    factor: NDArray[np.float32],
+    floor: float,
+) -> float:
+    """Multiply by ``floor + (1 - floor) factor`` in place; returns the mass that is left."""
+    sums = np.zeros(CHUNK)
+    low, span = values.dtype.type(floor), values.dtype.type(1.0 - floor)
+    for r in range(n):
+        of, by = values[runs[r, 0] : runs[r, 1]], factor[runs[r, 0] : runs[r, 1]]
+        for i in range(of.shape[0]):
+            of[i] *= low + span * by[i]
+            sums[i] += of[i]
+    return sums.sum()
+
+
+@njit(cache=True, nogil=True)
+def normalise(
+    values: NDArray[np.float32],
+    runs: NDArray[np.int32],
+    n: int,
+    size: int,
+    mass: float,
+    least: float,
+    flags: NDArray[np.uint8],
+) -> tuple[int, float]:
+    """Divide by ``mass``, drop states under ``least``, keep the runs that are left.
+
+    Args:
+        values: ``(K * P,)``, overwritten.
+        runs: Overwritten.
+        n: How many.
+        size: P.
+        mass: Sum of ``values``.
+        least: Probability under which a state is emptied; if all are that small, none is.
+        flags: Zeros.
+
+    Returns:
+        Number of runs, and the mass that was kept of one.
+    """
+    states = 0
+    for r in range(n):
+        states += runs[r, 1] - runs[r, 0]
+    if least * states >= 1.0 and largest(values, runs, n) < least * mass:
+        least = 0.0
+    # In the belief's own precision, so that several states can be done at once.
+    zero = values.dtype.type(0)
+    scale, limit = values.dtype.type(1.0 / mass), values.dtype.type(least * mass)
+    dropped = np.zeros(CHUNK)
+    for r in range(n):
+        of = values[runs[r, 0] : runs[r, 1]]
+        for i in range(of.shape[0]):
+            p = of[i]
+            q = p if p >= limit else zero
+            dropped[i] += p - q
+            of[i] = q * scale
+    lost = dropped.sum() / mass
+    n = prune(values, runs, n, size, flags)
+    if lost > 0.0:
+        scale = values.dtype.type(1.0 / (1.0 - lost))
+        for r in range(n):
+            of = values[runs[r, 0] : runs[r, 1]]
+            for i in range(of.shape[0]):
+                of[i] *= scale
+    return n, 1.0 - lost
+
+
+@njit(cache=True, nogil=True)
+def prune(
+    values: NDArray[np.float32],
+    runs: NDArray[np.int32],
+    n: int,
+    size: int,
+    flags: NDArray[np.uint8],
+) -> int:
+    """Leave blocks without mass out of the runs, unless their run is half full; how many are left.
+
+    Args:
+        values: ``(K * P,)``.
+        runs: Overwritten.
+        n: How many.
+        size: P.
+        flags: Zeros.
+    """
+    for r in range(n):
+        of, held = values[runs[r, 0] : runs[r, 1]], 0
+        for i in range(of.shape[0]):
+            held += of[i] > 0.0
+        if 2 * held > of.shape[0]:
+            mark(flags, runs[r, 0], runs[r, 1])
+            continue
+        for b in range(np.uint64(runs[r, 0] // BLOCK), np.uint64(runs[r, 1] // BLOCK)):
+            for i in range(BLOCK):
+                if values[b * np.uint64(BLOCK) + np.uint64(i)] > 0.0:
+                    flags[b] = 1
+                    break
+    return collect(flags, size, runs)
+
+
+@njit(cache=True, nogil=True)
+def largest(values: NDArray[np.float32], runs: NDArray[np.int32], n: int) -> float:
+    """The largest probability."""
+    best = values.dtype.type(0)
+    for r in range(n):
+        of = values[runs[r, 0] : runs[r, 1]]
+        for i in range(of.shape[0]):
+            best = max(best, of[i])
+    return best
+
+
+@njit(cache=True, nogil=True)
+def places_held(
+    values: NDArray[np.float32], runs: NDArray[np.int32], n: int, size: int, enough: int
+) -> int:
+    """At how many places there is any mass; counts no further than a little over ``enough``."""
+    seen, count = np.zeros(size, dtype=np.bool_), 0
+    for r in range(n):
+        start = runs[r, 0] % size
+        there = seen[start : start + runs[r, 1] - runs[r, 0]]
+        of = values[runs[r, 0] : runs[r, 1]]
+        for i in range(there.shape[0]):
+            if of[i] > 0.0 and not there[i]:
+                there[i] = True
+                count += 1
+        if count > enough:
+            break
+    return count

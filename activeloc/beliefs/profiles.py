@@ -1,0 +1,156 @@
+"""Distinct shares of classes: which cells and directions have the same distribution of ranges.
+
+The classes of a state's rays are counted, its *profile*, and the counts rounded to multiples of
+``1 / LEVELS`` by largest remainder. Profiles are told apart by sums of random 64-bit keys, one for
+each class, so that most states cost an addition a ray and one look-up.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+LEVELS = 32  # Shares of a cell's rays are rounded to multiples of 1 / LEVELS.
+
+
+@njit(cache=True, nogil=True)
+def round_to_levels(counts: NDArray[np.int32], levels: int) -> None:
+    """Scale counts to integers that sum to ``levels``, by largest remainder; in place."""
+    total, given = counts.sum(), 0
+    remainder = np.empty(counts.shape[0])
+    for q in range(counts.shape[0]):
+        exact = counts[q] * levels / total
+        counts[q] = int(exact)
+        remainder[q] = exact - counts[q]
+        given += counts[q]
+    for _ in range(levels - given):
+        best = remainder.argmax()
+        counts[best] += 1
+        remainder[best] = -1.0
+
+
+@njit(cache=True, nogil=True)
+def _slot(known: NDArray[np.uint64], key: np.uint64) -> int:
+    """Where a key is in an open table, or would go; the table's length is a power of two."""
+    mask = np.uint64(known.shape[0] - 1)
+    at = (key ^ (key >> np.uint64(32))) & mask
+    while known[at] != 0 and known[at] != key:
+        at = (at + np.uint64(1)) & mask
+    return at
+
+
+@njit(cache=True, nogil=True)
+def _assign(
+    classes: NDArray[np.uint8],
+    is_open: NDArray[np.bool_],
+    place: NDArray[np.int32],
+    first: int,
+    keys: NDArray[np.uint64],
+    known: NDArray[np.uint64],
+    known_row: NDArray[np.int32],
+    profiles: NDArray[np.int32],
+    used: NDArray[np.int64],
+    row: NDArray[np.int32],
+) -> int:
+    """Find the row of each cell from its rays; returns the cell that there was no room for.
+
+    Args:
+        classes: ``(A, S, P)``; of each ray.
+        is_open: ``(S, C)``; which sub-poses count.
+        place: ``(C,)``.
+        first: Cell to begin with.
+        keys: ``(2, Q + 1)``; random keys of counted and of rounded classes.
+        known: ``(2, N)``; open tables of the keys of counts and of rounded counts.
+        known_row: ``(2, N)``; their rows.
+        profiles: ``(R, Q + 1)``; rounded counts of each row.
+        used: ``(3,)``; entries of the two tables, and rows.
+        row: ``(P,)``, overwritten at the cells.
+    """
+    n_cells, n_angles, n_sub = place.shape[0], classes.shape[0], classes.shape[1]
+    sums = np.zeros(n_cells, dtype=np.uint64)
+    for a in range(n_angles):
+        for s in range(n_sub):
+            of, counts = classes[a, s], is_open[s]
+            for c in range(first, n_cells):
+                if counts[c]:
+                    sums[c] += keys[0, of[np.uint32(place[c])]]
+    for c in range(first, n_cells):
+        at = _slot(known[0], sums[c])
+        if known[0, at] == 0:
+            if 2 * max(used[0], used[1]) >= known.shape[1] or used[2] == profiles.shape[0]:
+                return c
+            profile, key = profiles[used[2]], np.uint64(0)
+            profile[:] = 0
+            for a in range(n_angles):
+                for s in range(n_sub):
+                    if is_open[s, c]:
+                        profile[classes[a, s, place[c]]] += 1
+            round_to_levels(profile, LEVELS)
+            for q in range(profile.shape[0]):
+                key += np.uint64(profile[q]) * keys[1, q]
+            there = _slot(known[1], key)
+            if known[1, there] == 0:
+                known[1, there], known_row[1, there] = key, used[2]
+                used[1] += 1
+                used[2] += 1
+            known[0, at], known_row[0, at] = sums[c], known_row[1, there]
+            used[0] += 1
+        row[place[c]] = known_row[0, at]
+    return n_cells
+
+
+@njit(cache=True, nogil=True)
+def _moved(
+    known: NDArray[np.uint64], known_row: NDArray[np.int32], length: int
+) -> tuple[NDArray[np.uint64], NDArray[np.int32]]:
+    """Open tables of a new length with the same entries."""
+    longer = np.zeros((2, length), dtype=np.uint64)
+    rows = np.zeros((2, length), dtype=np.int32)
+    for t in range(2):
+        for i in range(known.shape[1]):
+            if known[t, i] != 0:
+                at = _slot(longer[t], known[t, i])
+                longer[t, at], rows[t, at] = known[t, i], known_row[t, i]
+    return longer, rows
+
+
+class Profiles:
+    """The distinct profiles so far.
+
+    Args:
+        n_classes: Q + 1.
+    """
+
+    def __init__(self, n_classes: int) -> None:
+        keys = np.random.default_rng(0).integers(0, 2**63, (2, n_classes), dtype=np.uint64)
+        self._keys = 2 * keys + 1
+        self._known = np.zeros((2, 1 << 12), dtype=np.uint64)
+        self._rows = np.zeros((2, 1 << 12), dtype=np.int32)
+        self._profiles = np.zeros((1 << 10, n_classes), dtype=np.int32)
+        self._used = np.zeros(3, dtype=np.int64)
+
+    def assign(
+        self,
+        classes: NDArray[np.integer],
+        is_open: NDArray[np.bool_],
+        place: NDArray[np.int32],
+        row: NDArray[np.int32],
+    ) -> None:
+        """Give every cell its row; see :func:`_assign` for the arguments."""
+        first = 0
+        while first < len(place):
+            first = _assign(
+                classes, is_open, place, first, self._keys, self._known, self._rows,
+                self._profiles, self._used, row,
+            )  # fmt: skip
+            if 2 * self._used[:2].max() >= self._known.shape[1]:
+                self._known, self._rows = _moved(self._known, self._rows, 4 * self._known.shape[1])
+            if self._used[2] == len(self._profiles):
+                self._profiles = np.concatenate([self._profiles, np.zeros_like(self._profiles)])
+
+    @property
+    def shares(self) -> NDArray[np.float64]:
+        """``(R, Q + 1)``; share of each class in each row."""
+        shares: NDArray[np.float64] = self._profiles[: self._used[2]] / LEVELS
+        return shares

@@ -1,0 +1,257 @@
+"""The belief in planes against arrays ``(C, K)``: what waits, runs, coarser bins, shares."""
+
+from itertools import product
+from math import pi
+
+import numpy as np
+import pytest
+
+from activeloc.beliefs.coarse import CoarseBins
+from activeloc.beliefs.grid_tables import tables_of
+from activeloc.beliefs.plane_belief import PlaneBelief
+from activeloc.beliefs.plane_layout import BLOCK, CHUNK, PlaneLayout, by_chunk
+from activeloc.beliefs.pose_grid import PoseGrid
+from activeloc.beliefs.scan_likelihood import ScanLikelihood
+from activeloc.beliefs.settings import HistogramConfig
+from activeloc.grid import OccupancyGrid
+from activeloc.motion import MotionModel, Terrain
+from activeloc.sensors import BeamModel
+
+SENSOR = BeamModel(beams=5, field_of_view=pi / 2, z_max=2.0)
+
+
+def flat():
+    """9 m x 6.2 m in cells of 0.2 m: more than two chunks of places."""
+    cells = np.zeros((62, 90), dtype=np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = 1
+    cells[24, :] = cells[24:, [33, 61]] = 1
+    cells[24, [8, 9, 10, 11, 40, 41, 42, 43, 70, 71, 72, 73]] = 0
+    cells[40:46, 10:19] = cells[30:33, 50:52] = 1
+    return OccupancyGrid(cells, 0.1, (-1.0, 2.0))
+
+
+@pytest.fixture(scope="module")
+def tables():
+    config = HistogramConfig(cell_size=0.2, headings=24, precision="float64")
+    return tables_of(flat(), config, SENSOR, MotionModel(radius=0.15))
+
+
+def shape_of(tables):
+    return len(tables.layout.place), tables.layout.headings
+
+
+def spots(tables, n, seed=0, spread=3):
+    """A belief in a few places, each a patch of states; sums to one."""
+    rng, shape = np.random.default_rng(seed), shape_of(tables)
+    p = np.zeros(shape)
+    for _ in range(n):
+        at = tables.poses.centres[rng.integers(shape[0])]
+        near = np.flatnonzero(np.abs(tables.poses.centres - at).max(axis=1) < 0.1 * spread)
+        p[near[:, None], rng.integers(shape[1], size=spread)] += rng.random((len(near), spread))
+    return p / p.sum()
+
+
+BELIEFS = [lambda t: spots(t, 1), lambda t: spots(t, 5, 1), lambda t: spots(t, 80, 2, 6),
+           lambda t: np.random.default_rng(3).dirichlet(np.ones(shape_of(t)).ravel()).reshape(
+               shape_of(t))]  # fmt: skip
+
+
+def turned(p, first, taps):
+    return sum(tap * np.roll(p, first + j, axis=1) for j, tap in enumerate(taps))
+
+
+def check_sheet(bel):
+    """Runs ascend, lie within their plane and chunk, and nothing is outside of them."""
+    sheet, size = bel.sheet, bel.tables.layout.size
+    runs = sheet.runs[: sheet.n].astype(int)
+    assert (runs % BLOCK == 0).all()
+    assert (np.diff(runs.ravel()) >= 0).all()
+    assert (runs[:, 1] > runs[:, 0]).all()
+    assert (runs[:, 0] // size == (runs[:, 1] - 1) // size).all()
+    assert (runs[:, 0] % size // CHUNK == (runs[:, 1] - 1) % size // CHUNK).all()
+    outside = np.ones(len(sheet.values), dtype=bool)
+    for start, stop in runs:
+        outside[start:stop] = False
+    assert not sheet.values[outside].any()
+    assert not sheet.flags.any()
+
+
+# --- layout --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("belief", BELIEFS)
+def test_what_is_laid_out_comes_back(tables, belief):
+    p = belief(tables)
+    bel = PlaneBelief.of(tables, p)
+    np.testing.assert_array_equal(bel.by_cell, p)
+    check_sheet(bel)
+    twin = bel.copy()
+    bel.scale(0.5)
+    np.testing.assert_array_equal(twin.by_cell, p)
+    assert twin.mass() == pytest.approx(1.0, abs=1e-12)
+    assert twin.cells_held(p.size) == p.any(axis=1).sum()
+    assert twin.cells_held(2) <= p.any(axis=1).sum()
+
+
+def test_a_cell_is_a_place_of_its_plane():
+    poses = PoseGrid(Terrain(flat(), 0.15), 0.2, 12)
+    layout = PlaneLayout(poses)
+    np.testing.assert_array_equal(poses.index.ravel()[layout.place], np.arange(len(poses.cells)))
+    assert layout.size % BLOCK == 0
+    assert layout.size >= poses.shape[0] * poses.shape[1]
+
+
+def test_runs_chunk_by_chunk_are_all_the_runs(tables):
+    bel = PlaneBelief.of(tables, spots(tables, 30, 4))
+    sheet, size = bel.sheet, tables.layout.size
+    order = by_chunk(sheet.runs, sheet.n, size)
+    assert sorted(order) == list(range(sheet.n))
+    chunks = sheet.runs[order, 0] % size // CHUNK
+    assert (np.diff(chunks) >= 0).all()
+    assert len(np.unique(chunks)) > 1
+
+
+# --- what waits ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("belief", BELIEFS)
+def test_turns_that_wait_are_one_turn(tables, belief):
+    p, rng = belief(tables), np.random.default_rng(0)
+    bel, expected = PlaneBelief.of(tables, p), p
+    for first, n in ((3, 5), (-7, 2), (30, 1)):
+        taps = rng.dirichlet(np.ones(n))
+        bel.rotate(first, taps)
+        expected = turned(expected, first, taps)
+    bel.divide(4.0)
+    np.testing.assert_allclose(bel.by_cell, expected / 4.0, rtol=0, atol=1e-15)
+    check_sheet(bel)
+
+
+@pytest.mark.parametrize("belief", BELIEFS)
+@pytest.mark.parametrize("level", [4, -3])
+@pytest.mark.parametrize("turns", [False, True])
+def test_a_turn_may_wait_for_a_travel(tables, belief, level, turns):
+    """And so may a division; the belief is that of one after the other."""
+    waits, first, taps = PlaneBelief.of(tables, belief(tables)), 2, np.array([0.2, 0.5, 0.3])
+    if turns:
+        waits.rotate(first, taps)
+    waits.divide(0.5)
+    told = waits.copy()
+    assert told.mass() == pytest.approx(2.0, abs=1e-12)  # Asked for, so done at once.
+    left = [bel.travel(level, 1, 0.05) for bel in (waits, told)]
+    assert left[0] == pytest.approx(left[1], rel=1e-12)
+    assert left[0] == pytest.approx(waits.mass(), rel=1e-12)
+    np.testing.assert_allclose(waits.by_cell, told.by_cell, rtol=0, atol=1e-14)
+    check_sheet(waits)
+
+
+def likelihood(tables, scan):
+    """``(C, K)`` of p(z | x) to the filter's power, state by state."""
+    table = tables.readings
+    bins, p = table.bins.index(scan), np.ones(shape_of(tables))
+    for b, k in product(np.flatnonzero(bins >= 0), range(p.shape[1])):
+        direction = (k * table.per_heading + table.offsets[b]) % table.n_directions
+        p[:, k] *= np.exp(0.7 * table.log_p[bins[b], table.row[:, direction]].astype(float))
+    return p
+
+
+@pytest.mark.parametrize("belief", BELIEFS)
+@pytest.mark.parametrize("n_beams", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("turns", [False, True])
+def test_a_turn_may_wait_for_a_scan(tables, belief, n_beams, turns):
+    """Runs of one block and longer ones, any number of beams in a pass."""
+    p, scan = belief(tables), np.array([0.4, 1.1, 2.0, 0.7, 1.6])
+    scan[n_beams:] = np.nan
+    bins = tables.readings.bins.index(scan)
+    said = ScanLikelihood.of(tables.readings, tables.powered, bins, np.full(5, 0.7))
+    bel, taps = PlaneBelief.of(tables, p), np.array([0.2, 0.5, 0.3])
+    if turns:
+        bel.rotate(-2, taps)
+        p = turned(p, -2, taps)
+    bel.divide(3.0)
+    total, shift = bel.read(said)
+    expected = likelihood(tables, scan) * p / 3.0
+    assert total * np.exp(shift) == pytest.approx(expected.sum(), rel=1e-10)
+    np.testing.assert_allclose(bel.by_cell / total, expected / expected.sum(), rtol=1e-9)
+    check_sheet(bel)
+
+
+@pytest.mark.parametrize("belief", BELIEFS)
+def test_small_states_are_dropped_and_the_rest_is_one(tables, belief):
+    p = belief(tables)
+    bel, least = PlaneBelief.of(tables, p), float(np.quantile(p[p > 0], 0.4))
+    bel.rotate(1, np.ones(1))
+    bel.divide(7.0)
+    kept = np.where(p >= least, p, 0.0)
+    assert bel.normalise(1.0 / 7.0, least) == pytest.approx(kept.sum(), abs=1e-12)
+    np.testing.assert_allclose(bel.by_cell, np.roll(kept, 1, axis=1) / kept.sum(), atol=1e-15)
+    check_sheet(bel)
+    assert bel.normalise(1.0, 1.1) == 1.0  # All are that small: none is dropped.
+
+
+# --- what it says --------------------------------------------------------------------------------
+
+
+def shares_of(n, start, width, size, n_bins):
+    """``(bins, n)``; share of n intervals in equal bins, those beyond at the edge."""
+    shares = np.zeros((n_bins, n))
+    for i, j in product(range(n), range(-50, n_bins + 50)):
+        low, high = max(start + i * width, j * size), min(start + (i + 1) * width, (j + 1) * size)
+        if high > low:
+            shares[min(max(j, 0), n_bins - 1), i] += (high - low) / width
+    return shares
+
+
+# Bins coarser and finer than the cells, from another corner, some beyond the map.
+BINS = [((-1.0, 2.0), 0.5, (13, 18), 12), ((-1.3, 1.2), 0.37, (30, 40), 8),
+        ((-1.0, 2.0), 0.13, (40, 60), 24), ((0.5, 3.0), 1.1, (2, 3), 9)]  # fmt: skip
+
+
+@pytest.mark.parametrize(("corner", "size", "shape", "headings"), BINS)
+def test_coarser_bins_hold_their_shares(tables, corner, size, shape, headings):
+    poses = tables.poses
+    bins = CoarseBins.over(poses, corner, size, shape, headings)
+    rows, cols = poses.shape
+    by_row = shares_of(rows, 2.0 - corner[1], 0.2, size, shape[0])
+    by_col = shares_of(cols, -1.0 - corner[0], 0.2, size, shape[1])
+    by_heading = shares_of(24, 0.0, 2 * pi / 24, 2 * pi / headings, headings)
+    np.testing.assert_allclose(bins.headings, by_heading, atol=1e-6)
+    for belief in BELIEFS:
+        p = belief(tables)
+        planes = np.zeros((24, rows, cols))
+        planes[:, poses.cells[:, 0], poses.cells[:, 1]] = p.T
+        expected = np.einsum("hk,krc,yr,xc->yxh", by_heading, planes, by_row, by_col)
+        got = PlaneBelief.of(tables, p).masses(bins)
+        np.testing.assert_allclose(got, expected.reshape(got.shape), atol=1e-6)
+        assert got.sum() == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("belief", BELIEFS)
+def test_states_at_shares_are_those_of_the_cumulative_sum(tables, belief):
+    p = belief(tables)
+    flat_p = PlaneBelief.of(tables, p).sheet.values
+    shares = np.sort(np.random.default_rng(0).random(500))
+    cell, heading = PlaneBelief.of(tables, p).at_shares(shares)
+    cumulative = flat_p.cumsum()
+    state = np.searchsorted(cumulative, shares * cumulative[-1], side="right")
+    size = tables.layout.size
+    same = (heading == state // size) & (tables.layout.place[cell] == state % size)
+    assert same.mean() > 0.99  # A share on the edge of a state may be its neighbour's.
+    assert (p[cell, heading] > 0.0).all()
+
+
+@pytest.mark.parametrize("belief", BELIEFS)
+def test_the_estimate_is_the_mean_around_the_largest(tables, belief):
+    p, poses = belief(tables), tables.poses
+    estimate, mass = PlaneBelief.of(tables, p).estimate(0.5, 0.4)
+    cell, heading = np.unravel_index(p.argmax(), p.shape)
+    pose = np.append(poses.centres[cell], poses.thetas[heading])
+    for _ in range(2):
+        turn = (poses.thetas - pose[2] + pi) % (2 * pi) - pi
+        near = np.hypot(*(poses.centres - pose[:2]).T) <= 0.5
+        there = p * near[:, None] * (np.abs(turn) <= 0.4)
+        pose[:2] = there.sum(axis=1) @ poses.centres / there.sum()
+        pose[2] += (there.sum(axis=0) @ turn) / there.sum()
+    pose[2] = (pose[2] + pi) % (2 * pi) - pi
+    np.testing.assert_allclose(estimate, pose, atol=1e-9)
+    assert mass == pytest.approx(PlaneBelief.of(tables, p).near(pose, 0.5, 0.4), abs=1e-9)
