@@ -74,6 +74,8 @@ def _along(
     n: int, poses: PoseGrid, offset: float, size: float, n_bins: int
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """Bins ``(n, W)`` under n rows or columns of cells, and their shares, summing to one."""
-    bins, share = overlap(np.arange(n) * poses.cell_size + offset, poses.cell_size, size)
+    bins, share = overlap(
+        np.arange(n, dtype=np.float64) * poses.cell_size + offset, poses.cell_size, size
+    )
     exact = share.astype(np.float64)
     return bins.clip(0, n_bins - 1), exact / exact.sum(axis=1, keepdims=True)

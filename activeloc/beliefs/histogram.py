@@ -312,4 +312,5 @@ class HistogramBelief:
         """See :class:`Belief`."""
         tables = self._track(robot).tables
         cell, heading = tables.poses.states_of(poses)
-        return tables.readings.rows_of(cell, heading), tables.readings.log_p
+        rows = tables.readings.rows_of(cell, heading).astype(np.int32)
+        return rows, tables.readings.log_p

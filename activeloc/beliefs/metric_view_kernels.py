@@ -111,20 +111,20 @@ def draw_window(
     terms = np.zeros(256)
     for held_by in range(1, 256):
         terms[held_by] = held_by * np.log(held_by)
-    for at in range(side * side):
-        row, col = at // side, at % side
-        view[0, row, col] = free[at] / (SHARES * total)
+    for i in range(side * side):
+        top, left = i // side, i % side
+        view[0, top, left] = free[i] / (SHARES * total)
         for q in range(4):
-            there, spread, word = 0, 0.0, words[at, q]
-            while word != 0:
-                lane = np.int64(word & np.uint64(255))
-                there += lane
+            seen, spread, lanes = 0, 0.0, words[i, q]
+            while lanes != 0:
+                lane = int(lanes & np.uint64(255))
+                seen += lane
                 spread += terms[lane]
-                word >>= np.uint64(8)
-            view[1 + q, row, col] = 0.0
-            if there > 0:
-                nats = (terms[there] - spread) / there
-                view[1 + q, row, col] = max(0.0, nats) / np.log(float(CLASSES))
+                lanes >>= np.uint64(8)
+            view[1 + q, top, left] = 0.0
+            if seen > 0:
+                nats = (terms[seen] - spread) / seen
+                view[1 + q, top, left] = max(0.0, nats) / np.log(float(CLASSES))
 
 
 @njit(cache=True, nogil=True)
@@ -203,7 +203,7 @@ def draw_ways(
                 at = (np.uint64(row) * width + np.uint64(col)) * each
                 code = 0
                 for j in range(beams.shape[0]):
-                    code = code * CLASSES + np.int64(flat[at + looks[j]])
+                    code = code * CLASSES + int(flat[at + looks[j]])
                 codes[k, i] = code
         for k in range(n_far):
             for i in range(m):

@@ -9,6 +9,8 @@ it back.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -239,7 +241,7 @@ class PlaneBelief:
             angle: [rad].
         """
         sheet, tables, out = self.sheet, self.tables, np.empty(4)
-        bits = sheet.values.view(np.int32 if sheet.values.dtype == np.float32 else np.int64)
+        bits: NDArray[Any] = sheet.values.view(f"i{sheet.values.itemsize}")
         mode = found.most_likely(bits, sheet.runs, sheet.n)
         poses = tables.poses
         found.estimate(

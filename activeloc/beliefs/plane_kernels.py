@@ -426,7 +426,7 @@ def largest(values: NDArray[np.float32], runs: NDArray[np.int32], n: int) -> flo
         of = values[runs[r, 0] : runs[r, 1]]
         for i in range(of.shape[0]):
             best = max(best, of[i])
-    return best
+    return float(best)
 
 
 @njit(cache=True, nogil=True)

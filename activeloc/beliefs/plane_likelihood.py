@@ -17,7 +17,7 @@ SHORT = 16  # Runs up to this long are gone through state by state, skipping the
 @njit(cache=True, nogil=True)
 def _multiply_run(
     of: NDArray[np.float32],
-    by: float,
+    by: np.float32,
     row: NDArray[np.uint16],
     starts: NDArray[np.int64],
     p: NDArray[np.float32],

@@ -7,6 +7,8 @@ each class, so that most states cost an addition a ray and one look-up.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -31,7 +33,7 @@ def round_to_levels(counts: NDArray[np.int32], levels: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _slot(known: NDArray[np.uint64], key: np.uint64) -> int:
+def _slot(known: NDArray[np.uint64], key: np.uint64) -> np.uint64:
     """Where a key is in an open table, or would go; the table's length is a power of two."""
     mask = np.uint64(known.shape[0] - 1)
     at = (key ^ (key >> np.uint64(32))) & mask
@@ -42,7 +44,7 @@ def _slot(known: NDArray[np.uint64], key: np.uint64) -> int:
 
 @njit(cache=True, nogil=True)
 def _assign(
-    classes: NDArray[np.uint8],
+    classes: NDArray[Any],
     is_open: NDArray[np.bool_],
     place: NDArray[np.int32],
     first: int,
@@ -132,7 +134,7 @@ class Profiles:
 
     def assign(
         self,
-        classes: NDArray[np.integer],
+        classes: NDArray[Any],
         is_open: NDArray[np.bool_],
         place: NDArray[np.int32],
         row: NDArray[np.int32],

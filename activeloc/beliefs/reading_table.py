@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,7 +136,8 @@ def _by_use(
     order = np.argsort(-used, kind="stable")
     rank = np.empty(len(p), dtype=np.uint16 if len(p) <= 2**16 else np.uint32)
     rank[order] = np.arange(len(p))
-    return rank[row].ravel(), p[order]
+    planes: NDArray[Any] = rank[row].ravel()
+    return planes, p[order]
 
 
 def build_reading_table(grid: PoseGrid, sensor: RangeSensor, reading_bin: float) -> ReadingTable:

@@ -11,6 +11,8 @@ Source: the traversal is Amanatides & Woo, "A fast voxel traversal algorithm for
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -212,7 +214,7 @@ class Sweep:
         self, grid: PoseGrid, world: OccupancyGrid | Terrain, limits: NDArray[np.float64]
     ) -> None:
         self.grid, self.world, self.limits = grid, world, limits
-        self.dtype = np.dtype(np.uint8 if len(limits) < 256 else np.uint16)
+        self.dtype: np.dtype[Any] = np.dtype(np.uint8 if len(limits) < 256 else np.uint16)
         cells_per = grid.cell_size / grid.terrain.grid.resolution
         self.side = round(cells_per)
         self.fits = self.side >= 1 and abs(cells_per - self.side) < 1e-9
@@ -227,10 +229,12 @@ class Sweep:
         height, width = self.world.blocked.shape
         padded[margin * side :, margin * side :][:height, :width] = self.world.blocked
         planes = padded.reshape(shape[0], side, shape[1], side).transpose(1, 3, 0, 2)
-        self._free = np.where(planes, 0, np.iinfo(self.dtype).max).astype(self.dtype).ravel()
+        self._free = (
+            np.where(planes, 0, 2 ** (8 * self.dtype.itemsize) - 1).astype(self.dtype).ravel()
+        )
         self._plane = shape[0] * shape[1]
 
-    def along(self, angles: NDArray[np.float64], out: NDArray[np.integer]) -> None:
+    def along(self, angles: NDArray[np.float64], out: NDArray[Any]) -> None:
         """Classes of the nearest range in any of several directions ``(R,)`` [rad].
 
         Args:

@@ -86,7 +86,7 @@ def fill_plain(
     free: NDArray[np.uint8],
     whole: NDArray[np.uint8],
     exists: NDArray[np.uint8],
-    steps: NDArray[np.int64],
+    steps: NDArray[np.int32],
     safe: int,
     plain: NDArray[np.uint8],
 ) -> None:
@@ -264,11 +264,11 @@ def fill_rows(
                     there = stop[i, length]
                     cut[there if is_cell[around[there]] != 0 else own] += q * rest
         begin = n
-        for i in used:
-            if ways[i] + cut[i] > 0.0:
-                target[n] = here + where[i]
-                weight[0, n], weight[1, n] = ways[i], cut[i]
-                ways[i] = cut[i] = 0.0
+        for at in used:
+            if ways[at] + cut[at] > 0.0:
+                target[n] = here + where[at]
+                weight[0, n], weight[1, n] = ways[at], cut[at]
+                ways[at] = cut[at] = 0.0
                 n += 1
         size[c] = n - begin
     return n_cells, n

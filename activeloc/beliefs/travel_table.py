@@ -139,7 +139,7 @@ class TravelTable:
         """
         grid, world = self.grid, self.grid.terrain.grid
         unit = 1.0 / UNITS / world.resolution
-        sweep = Sweep(grid, grid.terrain, np.arange(1, 256) * unit + MARGIN)
+        sweep = Sweep(grid, grid.terrain, np.arange(1, 256, dtype=np.float64) * unit + MARGIN)
         free = np.empty((grid.headings, len(TURNS), SUB * SUB, self.layout.size), dtype=np.uint8)
         for k, theta in enumerate(grid.thetas):
             for t, turn in enumerate(TURNS):

@@ -220,7 +220,7 @@ def test_coarser_bins_hold_their_shares(tables, corner, size, shape, headings):
         p = belief(tables)
         planes = np.zeros((24, rows, cols))
         planes[:, poses.cells[:, 0], poses.cells[:, 1]] = p.T
-        expected = np.einsum("hk,krc,yr,xc->yxh", by_heading, planes, by_row, by_col)
+        expected = np.einsum("hk,krc,yr,xc->yxh", by_heading, planes, by_row, by_col, optimize=True)
         got = PlaneBelief.of(tables, p).masses(bins)
         np.testing.assert_allclose(got, expected.reshape(got.shape), atol=1e-6)
         assert got.sum() == pytest.approx(1.0, abs=1e-6)

@@ -15,7 +15,7 @@ from activeloc.raycast import cast_ray
 AXES = [0.0, pi / 2, -pi / 2, pi, -pi, pi / 4, 3 * pi / 4, -pi / 4, -3 * pi / 4, np.arctan(0.5)]
 
 
-def clutter(resolution, shape=(38, 52), seed=0):
+def clutter(resolution, shape=(26, 38), seed=0):
     """Scattered squares, some of which meet in a corner; the rim is partly open."""
     cells = (np.random.default_rng(seed).random(shape) < 0.12).astype(np.uint8)
     cells[0], cells[:, -1] = 1, 1
@@ -28,10 +28,11 @@ def rays(poses, squares, angles, reach):
     """``(S, C)``; nearest range in any of the directions from every sub-pose [map cell]."""
     places = poses.terrain.grid.to_cells(poses.sub_poses())
     z = np.full(places.shape[:2], reach)
-    for c, s in np.ndindex(*z.shape):
-        for angle in angles:
-            dx, dy = np.cos(angle), np.sin(angle)
-            z[c, s] = min(z[c, s], cast_ray(squares, *places[c, s], dx, dy, reach))
+    for angle in angles:
+        dx, dy = float(np.cos(angle)), float(np.sin(angle))
+        for c, s in np.ndindex(*z.shape):
+            x, y = places[c, s]
+            z[c, s] = min(z[c, s], cast_ray(squares, x, y, dx, dy, reach))
     return z.T
 
 
