@@ -52,6 +52,7 @@ class CoarseBins:
         origin = poses.terrain.grid.origin
         rows, row_shares = _along(poses.shape[0], poses, origin[1] - corner[1], size, shape[0])
         cols, shares = _along(poses.shape[1], poses, origin[0] - corner[0], size, shape[1])
+        # A bin beyond the map, which no column lies under, starts where nothing is any more.
         first = np.full(shape[1], poses.shape[1], dtype=np.int32)
         column = np.repeat(np.arange(len(cols), dtype=np.int32), cols.shape[1])
         counts = shares.ravel() > 0.0
@@ -61,7 +62,6 @@ class CoarseBins:
         col_shares = np.zeros((shape[1], max(1, int((last - first).max()))))
         at = cols.ravel()[counts]
         np.add.at(col_shares, (at, column[counts] - first[at]), shares.ravel()[counts])
-        # No column lies under a bin beyond the map: it starts where nothing is any more.
         start = poses.thetas - 0.5 * poses.bin_width + np.pi
         bins, heading_shares = overlap(start, poses.bin_width, 2.0 * np.pi / n_headings)
         headings = np.zeros((n_headings, poses.headings))

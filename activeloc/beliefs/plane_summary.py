@@ -161,10 +161,9 @@ def fold(
             if span[y, 0] >= span[y, 1]:
                 continue
             for x in range(n_cols):
-                if col_first[x] + col_shares.shape[1] <= span[y, 0]:
+                begin = col_first[x]
+                if begin >= span[y, 1] or begin + col_shares.shape[1] <= span[y, 0]:
                     continue
-                if col_first[x] >= span[y, 1]:
-                    break
                 p = 0.0
                 for i in range(col_shares.shape[1]):
                     p += col_shares[x, i] * folded[y, col_first[x] + i]

@@ -204,7 +204,8 @@ def shares_of(n, start, width, size, n_bins):
 
 # Bins coarser and finer than the cells, from another corner, some beyond the map.
 BINS = [((-1.0, 2.0), 0.5, (13, 18), 12), ((-1.3, 1.2), 0.37, (30, 40), 8),
-        ((-1.0, 2.0), 0.13, (40, 60), 24), ((0.5, 3.0), 1.1, (2, 3), 9)]  # fmt: skip
+        ((-1.0, 2.0), 0.13, (40, 60), 24), ((0.5, 3.0), 1.1, (2, 3), 9),
+        ((-6.0, -3.0), 1.0, (20, 22), 6)]  # fmt: skip
 
 
 @pytest.mark.parametrize(("corner", "size", "shape", "headings"), BINS)
