@@ -262,8 +262,9 @@ def move(
     return reached, carried_out
 
 
-def slipped(u: NDArray[np.float64], uniforms: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Motions that a badly wrong odometry reading may stand for: ``(N, 3)``.
+@njit(cache=True, nogil=True)
+def slipped(u: NDArray[np.float64], turn: float, travel: float) -> tuple[float, float]:
+    """First rotation and translation that a badly wrong odometry reading may stand for.
 
     The filters' answer to :meth:`MotionModel.misread`, and as rough as what it answers: the first
     rotation within 45 degrees of the one read, the travel anywhere from nothing to twice the one
@@ -271,11 +272,11 @@ def slipped(u: NDArray[np.float64], uniforms: NDArray[np.float64]) -> NDArray[np
 
     Args:
         u: ``(3,)`` odometry reading.
-        uniforms: ``(N, 2)`` in [0, 1).
+        turn: In [0, 1).
+        travel: In [0, 1).
     """
-    turns = (2.0 * uniforms[:, 0] - 1.0) * SLIP_ANGLE
     farthest = np.sign(u[1]) * max(2.0 * abs(u[1]), SLIP_TRAVEL)
-    return np.column_stack([u[0] + turns, uniforms[:, 1] * farthest, np.full_like(turns, u[2])])
+    return u[0] + (2.0 * turn - 1.0) * SLIP_ANGLE, travel * farthest
 
 
 @dataclass(frozen=True, slots=True)

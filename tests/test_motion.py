@@ -15,7 +15,16 @@ from scipy.stats import chi2, norm
 from activeloc.free_squares import free_squares
 from activeloc.grid import OccupancyGrid
 from activeloc.maps.text import from_text
-from activeloc.motion import MARGIN, MotionModel, MotionNoise, Terrain, free_way, move, wrap
+from activeloc.motion import (
+    MARGIN,
+    MotionModel,
+    MotionNoise,
+    Terrain,
+    free_way,
+    move,
+    slipped,
+    wrap,
+)
 from activeloc.raycast import cast_ray
 
 STILL = MotionNoise()
@@ -395,3 +404,12 @@ def test_the_edge_of_a_wall_is_not_taken_for_room():
         d = np.cos(heading), np.sin(heading)
         assert free_way(squares, 6.0, 6.5, *d, 2.0) == 0.0
         assert free_way(squares, 6.0 + 1e-6, 6.5, *d, 2.0) == 2.0
+
+
+def test_a_wrong_reading_stands_for_ways_around_it():
+    u, quarter = np.array([0.3, -0.4, 0.7]), pi / 4
+    np.testing.assert_allclose(slipped(u, 0.0, 0.0), [0.3 - quarter, 0.0])
+    np.testing.assert_allclose(slipped(u, 0.5, 0.5), [0.3, -0.4])
+    np.testing.assert_allclose(slipped(u, 0.75, 0.25), [0.3 + quarter / 2, -0.2])
+    np.testing.assert_allclose(slipped(np.array([0.0, 0.1, 0.0]), 0.5, 1.0), [0.0, 0.5])
+    assert slipped(np.array([0.0, 0.0, 0.0]), 0.5, 1.0)[1] == 0.0

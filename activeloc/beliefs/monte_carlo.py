@@ -14,13 +14,13 @@ from scipy.special import ndtri
 
 from activeloc.beliefs.cloud import Cloud, spread_poses
 from activeloc.beliefs.particle_bins import allocate, roughen, shares
-from activeloc.beliefs.particle_motion import NORMALS, drive, noise, touch, turn
+from activeloc.beliefs.particle_motion import NORMALS, drive, noise, slip, touch, turn
 from activeloc.beliefs.particle_past import Counted
 from activeloc.beliefs.particle_weighing import weigh_by_rows, weigh_by_table
 from activeloc.beliefs.resampling import SCHEMES, comb
 from activeloc.beliefs.sample_size import draw_until
 from activeloc.beliefs.settings import ParticleConfig
-from activeloc.motion import MotionModel, move, slipped
+from activeloc.motion import MotionModel
 from activeloc.range_table import level_ranges, levels_of
 from activeloc.sensors import RangeSensor, ReadingBins
 from activeloc.sensors.readings import ExpectedRangeSensor, rays_of, widened
@@ -88,9 +88,11 @@ class MonteCarlo:
             )  # fmt: skip
             cloud.weights = None
         if len(slipping):
-            motions = slipped(u, rng.random((len(slipping), 2)))
-            cloud.poses[slipping] = move(ground.terrain, before, motions)[0]
-            cloud.log_w[slipping] = weighed  # They drove another way than the one cut short.
+            # They drove another way than the one that may have been cut short.
+            slip(
+                ground.terrain.squares, ground.frame, before, weighed, slipping, u,
+                rng.random((len(slipping), 2)), cloud.poses, cloud.log_w,
+            )  # fmt: skip
         if contact and self.config.contact_floor < 1.0:
             touch(
                 ground.terrain.squares, ground.frame, cloud.poses, self.config.contact_reach,

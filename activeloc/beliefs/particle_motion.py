@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from activeloc.motion import free_way
+from activeloc.motion import free_way, slipped
 
 # Standard normal numbers of equal probability: noise is drawn as their 16-bit index, which costs a
 # third of drawing it by the ziggurat and is exact to 2^-16 in probability.
@@ -149,6 +149,48 @@ def drive(
         poses[i, 2] = wrapped(heading + u[2] + sigma[2] * normals[noise[i, 2]])
         if abs(wanted) - length * per_cell > slack:
             log_w[i] += log_floor
+
+
+@njit(cache=True, nogil=True)
+def slip(
+    squares: NDArray[np.uint8],
+    frame: NDArray[np.float64],
+    before: NDArray[np.float64],
+    weighed: NDArray[np.float64],
+    slipping: NDArray[np.int64],
+    u: NDArray[np.float64],
+    uniforms: NDArray[np.float64],
+    poses: NDArray[np.float64],
+    log_w: NDArray[np.float64],
+) -> None:
+    """Move some particles as a badly wrong odometry reading may mean it, instead.
+
+    Args:
+        squares: See :func:`drive`.
+        frame: Of the map.
+        before: ``(n, 3)``; where they stood.
+        weighed: ``(n,)``; their log-weights there, which they keep.
+        slipping: ``(n,)``; which they are.
+        u: ``(3,)`` odometry reading.
+        uniforms: ``(n, 2)`` in [0, 1); see :func:`activeloc.motion.slipped`.
+        poses: ``(N, 3)``, overwritten at ``slipping``.
+        log_w: ``(N,)``, overwritten at ``slipping``.
+    """
+    per_cell = 1.0 / frame[2]
+    for k in range(slipping.shape[0]):
+        i = slipping[k]
+        rot1, trans = slipped(u, uniforms[k, 0], uniforms[k, 1])
+        heading = wrapped(before[k, 2] + rot1)
+        cos, sin = unit(heading)
+        sign = 1.0 if trans >= 0.0 else -1.0
+        dx, dy = sign * cos, sign * sin
+        col = (before[k, 0] - frame[0]) * frame[2]
+        row = (before[k, 1] - frame[1]) * frame[2]
+        length = free_way(squares, col, row, dx, dy, abs(trans) * frame[2])
+        poses[i, 0] = frame[0] + (col + length * dx) * per_cell
+        poses[i, 1] = frame[1] + (row + length * dy) * per_cell
+        poses[i, 2] = wrapped(heading + u[2])
+        log_w[i] = weighed[k]
 
 
 @njit(cache=True, nogil=True)

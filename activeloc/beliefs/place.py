@@ -18,7 +18,35 @@ from __future__ import annotations
 from copy import copy
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
+
+
+@njit(cache=True, nogil=True)
+def _sectors(
+    heading: float, bearings: NDArray[np.float64], sectors: int, out: NDArray[np.intp]
+) -> None:
+    """Fill ``out (B,)`` with the sector of each bearing."""
+    for b in range(bearings.shape[0]):
+        turns = (heading + bearings[b]) / (2.0 * np.pi)
+        out[b] = int(np.rint(turns * sectors)) % sectors
+
+
+@njit(cache=True, nogil=True)
+def _weigh(
+    sector: NDArray[np.intp], readings: NDArray[np.int64], r: float, out: NDArray[np.float64]
+) -> None:
+    """Fill ``out (B,)`` with what one more reading in each beam's sector counts."""
+    for b in range(sector.shape[0]):
+        nth = float(readings[sector[b]])
+        for before in range(b):
+            nth += sector[before] == sector[b]
+        if np.isinf(r):
+            out[b] = 1.0
+        elif r == 0.0:
+            out[b] = 1.0 if nth == 0.0 else 0.0
+        else:
+            out[b] = (1.0 + r) * r / ((nth + r) * (nth + 1.0 + r))
 
 
 class PlaceMemory:
@@ -59,25 +87,17 @@ class PlaceMemory:
 
     def sector(self, bearings: NDArray[np.float64]) -> NDArray[np.intp]:
         """Sector that each bearing, relative to the robot's heading, falls into."""
-        turns = (self.heading + np.asarray(bearings)) / (2.0 * np.pi)
-        return np.round(turns * self.sectors).astype(np.intp) % self.sectors
+        out = np.empty(len(bearings), dtype=np.intp)
+        _sectors(self.heading, np.asarray(bearings, dtype=np.float64), self.sectors, out)
+        return out
 
     def weigh(self, bearings: NDArray[np.float64]) -> NDArray[np.float64]:
         """How much a reading in each direction ``(B,)`` counts now: in (0, 1].
 
         Several beams in one sector are successive readings of it. Changes nothing.
         """
-        sector = self.sector(bearings)
-        nth = self.readings[sector].astype(np.float64)
-        for b in range(1, len(sector)):
-            nth[b] += (sector[:b] == sector[b]).sum()
-        r = self.repetition
-        if np.isinf(r):
-            return np.ones(len(sector))
-        if r == 0.0:
-            result: NDArray[np.float64] = (nth == 0).astype(np.float64)
-        else:
-            result = (1.0 + r) * r / ((nth + r) * (nth + 1.0 + r))
+        result = np.empty(len(bearings))
+        _weigh(self.sector(bearings), self.readings, self.repetition, result)
         return result
 
     def read(self, bearings: NDArray[np.float64]) -> None:

@@ -14,7 +14,7 @@ from activeloc.beliefs.common_bins import CommonBins
 from activeloc.beliefs.particle_bins import bin_weights, roughen
 from activeloc.beliefs.particle_motion import NORMALS
 from activeloc.grid import OccupancyGrid
-from activeloc.motion import Terrain, move, wrap
+from activeloc.motion import Terrain, move, slipped, wrap
 
 BELOW_PI = np.nextafter(pi, 0.0)
 
@@ -94,6 +94,26 @@ def test_no_particle_jumps_a_wall(seed):
     assert terrain.contains(got).all()
     for share in np.linspace(0.0, 1.0, 60):
         assert terrain.contains(poses + share * (got - poses)).all()
+
+
+@pytest.mark.parametrize("u", [(0.4, 0.3, -0.2), (0.0, -0.6, 0.0), (1.0, 0.0, 0.5)])
+def test_those_that_slip_go_another_way_and_keep_their_weight(u):
+    terrain, rng, u = ruin(4), np.random.default_rng(4), np.array(u)
+    poses, log_w = anywhere(terrain, 2_000, 4), rng.normal(size=2_000)
+    slipping, uniforms = rng.permutation(2_000)[:700], rng.random((700, 2))
+    before, weighed = poses[slipping], rng.normal(size=700)
+    motions = np.array([(*slipped(u, *pair), u[2]) for pair in uniforms])
+    expected, old_poses, old_log_w = move(terrain, before, motions)[0], poses.copy(), log_w.copy()
+    kernels.slip(
+        terrain.squares, frame_of(terrain), before, weighed, slipping, u, uniforms, poses, log_w
+    )
+    same = np.abs(poses[slipping, :2] - expected[:, :2]).max(axis=1) < 1e-8
+    assert same.mean() > 0.995
+    np.testing.assert_allclose(wrap(poses[slipping, 2] - expected[:, 2]), 0.0, atol=1e-12)
+    np.testing.assert_array_equal(log_w[slipping], weighed)
+    others = np.setdiff1d(np.arange(2_000), slipping)
+    np.testing.assert_array_equal(poses[others], old_poses[others])
+    np.testing.assert_array_equal(log_w[others], old_log_w[others])
 
 
 def test_headings_are_looked_up_to_a_billionth():
