@@ -44,7 +44,7 @@ def cell_of(
     if not (0.0 <= col_f < index.shape[1] and 0.0 <= row_f < index.shape[0]):
         return -1, 0, 0
     col, row = int(col_f), int(row_f)
-    return index[row, col], row, col
+    return index[np.uint64(row), np.uint64(col)], row, col
 
 
 @njit(cache=True, nogil=True)

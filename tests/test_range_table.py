@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from activeloc.beliefs.particle_weighing import weigh_by_table
+from activeloc.beliefs.particle_weighing import weigh_by_rays, weigh_by_table
 from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import wrap
@@ -160,6 +160,18 @@ def test_weights_by_the_table_are_the_slow_sum_over_its_levels(directions, warm)
     added = np.take_along_axis(log_p.astype(np.float64), levels.T, axis=1).sum(axis=0)
     np.testing.assert_allclose(log_w, before + added, atol=1e-5)
     np.testing.assert_array_equal(table.table, slow.table)
+
+
+def test_weights_by_rays_are_the_slow_sum_over_exact_ranges():
+    grid, rng = clutter(5), np.random.default_rng(5)
+    x0, x1, y0, y1 = grid.extent
+    poses, before = rng.uniform([x0, y0, -pi], [x1, y1, pi], (2000, 3)), rng.normal(size=2000)
+    log_p = rng.uniform(-9.0, 0.0, (len(BEARINGS), LEVELS)).astype(np.float32)
+    levels = levels_of(cast_scan(grid, poses, BEARINGS, Z_MAX), Z_MAX)
+    log_w = before.copy()
+    weigh_by_rays(grid.squares, grid.frame, Z_MAX, poses, BEARINGS, log_p, log_w)
+    added = np.take_along_axis(log_p.astype(np.float64), levels.T, axis=1).sum(axis=0)
+    np.testing.assert_allclose(log_w, before + added, atol=1e-5)
 
 
 def test_weighing_reads_the_direction_that_a_beam_looks_in():

@@ -16,7 +16,7 @@ from activeloc.beliefs.cloud import Cloud, spread_poses
 from activeloc.beliefs.particle_bins import allocate, roughen, shares
 from activeloc.beliefs.particle_motion import NORMALS, drive, noise, slip, touch, turn
 from activeloc.beliefs.particle_past import Counted
-from activeloc.beliefs.particle_weighing import weigh_by_rows, weigh_by_table
+from activeloc.beliefs.particle_weighing import weigh_by_rays, weigh_by_rows, weigh_by_table
 from activeloc.beliefs.resampling import SCHEMES, comb
 from activeloc.beliefs.sample_size import draw_until
 from activeloc.beliefs.settings import ParticleConfig
@@ -64,6 +64,11 @@ class MonteCarlo:
             return None
         return self._powered(self.sensor.masses(level_ranges(self.sensor.z_max), self.reading_bins))
 
+    @cached_property
+    def is_thin(self) -> bool:
+        """Whether a reading depends on one ray."""
+        return isinstance(self.sensor, ExpectedRangeSensor) and not np.any(self.sensor.cone)
+
     def move(self, cloud: Cloud, u: NDArray[np.float64], contact: bool) -> None:
         """Move every particle by the odometry's reading, with its noise.
 
@@ -105,15 +110,21 @@ class MonteCarlo:
     ) -> None:
         """Add the scan's weighted log-likelihood at each pose to ``log_w (N,)``, in place."""
         table, law = cloud.table, self._law
-        if table is None or law is None:
+        if law is None or not self.is_thin:
             rows, log_p = self.rows(cloud, poses)
             weigh_by_rows(log_w, rows, log_p, scan.readings, scan.weights)
             return
         counts = (scan.readings >= 0) & (scan.weights > 0.0)
-        read = law[scan.readings[counts]] * scan.weights[counts, None]
+        read = (law[scan.readings[counts]] * scan.weights[counts, None]).astype(np.float32)
+        bearings = self.sensor.bearings[counts]
+        if table is None:
+            grid = cloud.ground.grid
+            z_max = self.sensor.z_max
+            weigh_by_rays(grid.squares, grid.frame, z_max, poses, bearings, read, log_w)
+            return
         weigh_by_table(
             table.table, table.index, table.squares, table.headings, table.frame, table.reach,
-            poses, self.sensor.bearings[counts], read.astype(np.float32), log_w,
+            poses, bearings, read, log_w,
         )  # fmt: skip
 
     def rows(

@@ -6,7 +6,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.range_table import cast_level, cell_of, directions_of
+from activeloc.range_table import LEVELS, cast_level, cell_of, directions_of
+from activeloc.raycast import cast_beams
+
+POINT = 32  # Bits behind the point.
 
 
 @njit(cache=True, nogil=True)
@@ -36,28 +39,67 @@ def weigh_by_table(
         log_p: ``(B, LEVELS)``; weighted log P(what beam b read | level of the range).
         log_w: ``(N,)``, overwritten.
     """
-    n_directions = table.shape[1]
-    offset = np.empty(bearings.shape[0])
-    directions_of(bearings, n_directions, offset)
-    per_radian = n_directions / (2.0 * np.pi)
+    n_directions, n_beams = table.shape[1], bearings.shape[0]
+    # Directions in fixed point, for integers are added and cut sooner than numbers are rounded.
+    circle = n_directions << POINT
+    offset, fraction = np.empty(n_beams, dtype=np.int64), np.empty(n_beams)
+    directions_of(bearings - np.pi, n_directions, fraction)
+    outside = 0.0
+    for b in range(n_beams):
+        offset[b] = min(int(fraction[b] * (1 << POINT)), circle - 1)
+        outside += log_p[b, 0]
+    per_radian, half = n_directions / (2.0 * np.pi) * (1 << POINT), (1 << POINT) // 2
     for i in range(poses.shape[0]):
         cell, row, col = cell_of(index, frame, poses[i, 0], poses[i, 1])
-        ahead = poses[i, 2] * per_radian + 0.5
-        if ahead < 0.5:
-            ahead += n_directions
+        if cell < 0:
+            log_w[i] += outside
+            continue
+        ahead = int((poses[i, 2] + np.pi) * per_radian) + half
+        ahead -= circle if ahead >= circle else 0
         total = 0.0
-        for b in range(bearings.shape[0]):
-            if cell < 0:
-                total += log_p[b, 0]
-                continue
-            direction = int(ahead + offset[b])
-            while direction >= n_directions:
-                direction -= n_directions
-            level = table[cell, direction]
+        for b in range(n_beams):
+            turned = ahead + offset[b]
+            turned -= circle if turned >= circle else 0
+            direction = turned >> POINT
+            level = table[np.uint64(cell), np.uint64(direction)]
             if level == 0:
                 level = cast_level(squares, row, col, headings[direction], reach)
                 table[cell, direction] = level
-            total += log_p[b, level - 1]
+            total += log_p[b, np.uint64(level) - np.uint64(1)]
+        log_w[i] += total
+
+
+@njit(cache=True, nogil=True)
+def weigh_by_rays(
+    squares: NDArray[np.uint8],
+    frame: NDArray[np.float64],
+    z_max: float,
+    poses: NDArray[np.float64],
+    bearings: NDArray[np.float64],
+    log_p: NDArray[np.float32],
+    log_w: NDArray[np.float64],
+) -> None:
+    """:func:`weigh_by_table` without a table: every ray is cast from where its particle stands.
+
+    Args:
+        squares: ``(4, H + 2, W + 2)``; of the map.
+        frame: x and y of the map's corner, and its resolution [m].
+        z_max: [m].
+        poses: ``(N, 3)``.
+        bearings: ``(B,)`` of the readings that count [rad].
+        log_p: ``(B, LEVELS)``.
+        log_w: ``(N,)``, overwritten.
+    """
+    expected = np.empty((1, bearings.shape[0]))
+    for i in range(poses.shape[0]):
+        cast_beams(squares, frame, poses[i : i + 1], bearings, z_max, expected)
+        total = 0.0
+        for b in range(bearings.shape[0]):
+            z = expected[0, b]
+            level = LEVELS - 1
+            if z < z_max:
+                level = min(int(z / z_max * (LEVELS - 1)), LEVELS - 2)
+            total += log_p[b, level]
         log_w[i] += total
 
 

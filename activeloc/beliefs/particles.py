@@ -37,7 +37,7 @@ from activeloc.grid import OccupancyGrid
 from activeloc.motion import MotionModel, Terrain, wrap
 from activeloc.range_table import range_table
 from activeloc.sensors import RangeSensor
-from activeloc.sensors.readings import ExpectedRangeSensor, check_scan
+from activeloc.sensors.readings import check_scan
 
 __all__ = ["ParticleBelief", "ParticleConfig"]
 
@@ -99,8 +99,7 @@ class ParticleBelief:
             raise ConfigError(f"poses must be (N, 3) finite numbers, N >= 1; got {poses.shape}")
         turn(poses, 0.0, 0.0, np.zeros(len(poses), dtype=np.uint16), NORMALS)  # Into [-pi, pi).
         table = None
-        thin = isinstance(self.sensor, ExpectedRangeSensor) and len(self.sensor.cone) == 1
-        if thin and self.config.directions:
+        if self.model.is_thin and self.config.directions:
             table = range_table(grid, self.sensor.z_max, self.config.directions)
         place = PlaceMemory(self.config.sectors, self.config.place_size, self.config.repetition)
         self._clouds[robot] = Cloud(
