@@ -67,6 +67,7 @@ class Background:
         self.share = poses.area / poses.area.sum()
         """``(C,)``; share of the open ground in each cell."""
         self._cumulative = self.share.cumsum()
+        self._frame = np.array([*poses.terrain.grid.origin, 1.0 / poses.cell_size])
         self._rows = self._sample_rows(readings)
         self._travels: dict[tuple[int, int, float], float] = {}
         self._views: dict[CoarseBins, NDArray[np.float64]] = {}
@@ -137,11 +138,16 @@ class Background:
 
         Cells and heading bins count by their centres, as in :func:`kernels.near`.
         """
-        poses, origin = self.poses, self.poses.terrain.grid.origin
-        share = kernels.area_near(
-            self.share, poses.index, poses.centres, pose, radius,
-            (pose[1] - origin[1]) / poses.cell_size, (pose[0] - origin[0]) / poses.cell_size,
-            radius / poses.cell_size + 1.0,
-        )  # fmt: skip
-        turn = (poses.thetas - pose[2] + np.pi) % (2.0 * np.pi) - np.pi
-        return float(share * np.count_nonzero(np.abs(turn) <= angle) / poses.headings)
+        poses = self.poses
+        return float(
+            kernels.share_near(
+                self.share,
+                poses.index,
+                poses.centres,
+                poses.thetas,
+                self._frame,
+                pose,
+                radius,
+                angle,
+            )
+        )

@@ -22,6 +22,8 @@ from activeloc.beliefs.grid_tables import GridTables
 from activeloc.beliefs.plane_layout import Sheet, clear_runs, find_runs
 from activeloc.beliefs.scan_likelihood import ScanLikelihood
 
+IN_CACHE = 1 << 17  # States that a pass over planes can come back to soon.
+SPARSE = 8  # A belief with less than one in so many states listed is turned by itself.
 _NOTHING, _NO_TURN = np.empty((0, 0)), np.empty(0)
 
 
@@ -89,6 +91,17 @@ class PlaneBelief:
         taps[: len(self._taps)] = self._taps / self._divisor
         return taps
 
+    def _turn_alone(self, always: bool = False) -> None:
+        """Turn before the next pass where that is cheaper: always, or if there is little to turn.
+
+        A turn on the way goes through all that is reached, from all sides.
+        """
+        if len(self._taps):
+            layout, sheet = self.tables.layout, self._sheet
+            listed = kernels.states_of(sheet.runs, sheet.n)
+            if always or SPARSE * listed < layout.headings * layout.size:
+                _ = self.sheet
+
     def _replace(self, sheet: Sheet) -> None:
         """Go over to another sheet, on which nothing waits."""
         self.tables.give(self._sheet)
@@ -116,6 +129,7 @@ class PlaneBelief:
             floor: Weight of ways that an obstacle cuts short, in [0, 1].
         """
         tables, layout, precision = self.tables, self.tables.layout, self.tables.precision
+        self._turn_alone((len(self._taps) + 2) * layout.size > IN_CACHE)
         travel = tables.travel.level(abs(level), hops)
         of, to, divisor = self._sheet, tables.take(), self._divisor
         start, shift, weight = travel.fours(precision)
@@ -153,6 +167,7 @@ class PlaneBelief:
         if not scan.as_product:
             sheet = self.sheet
             return scan.add_logarithms(sheet.values, sheet.runs, sheet.n, size)
+        self._turn_alone()
         of, taps = self._sheet, self._waiting_taps()
         to = self.tables.take() if len(taps) else of
         divisor = 1.0 if len(taps) else self._divisor

@@ -106,13 +106,44 @@ def rotate(
     Returns:
         How many runs ``out`` has.
     """
-    mark_turned(runs, n, size, values.shape[0] // size, first, taps, flags)
+    n_headings = values.shape[0] // size
+    mark_turned(runs, n, size, n_headings, first, taps, flags)
     clear_rest(out, out_runs, n_out, flags)
     n_out = collect(flags, size, out_runs)
-    order = by_chunk(out_runs, n_out, size)
-    for r in order:
-        turn_run(values, size, out_runs[r, 0], first, taps, out[out_runs[r, 0] : out_runs[r, 1]])
+    if 2 * states_of(runs, n) > states_of(out_runs, n_out):
+        for r in by_chunk(out_runs, n_out, size):
+            to = out[out_runs[r, 0] : out_runs[r, 1]]
+            turn_run(values, size, out_runs[r, 0], first, taps, to)
+        return n_out
+    # Most of what is reached is empty from most sides: from there outwards instead.
+    for r in range(n_out):
+        out[out_runs[r, 0] : out_runs[r, 1]] = 0.0
+    for r in range(n):
+        k = runs[r, 0] // size
+        for j in range(taps.shape[0]):
+            if taps[j] != 0.0:
+                there = ((k + first + j) % n_headings - k) * size
+                for at in range(runs[r, 0], runs[r, 1], BLOCK):
+                    _add_block(out, np.uint64(at + there), values, np.uint64(at), taps[j])
     return n_out
+
+
+@njit(cache=True, nogil=True)
+def _add_block(
+    out: NDArray[np.float32], to: np.uint64, values: NDArray[np.float32], of: np.uint64, by: float
+) -> None:
+    """Add a multiple of one block to another; unsigned, so that no index counts from the end."""
+    for i in range(np.uint64(BLOCK)):
+        out[to + i] += by * values[of + i]
+
+
+@njit(cache=True, nogil=True)
+def states_of(runs: NDArray[np.int32], n: int) -> int:
+    """How many states there are in n runs."""
+    states = 0
+    for r in range(n):
+        states += runs[r, 1] - runs[r, 0]
+    return states
 
 
 @njit(cache=True, nogil=True)
@@ -359,23 +390,23 @@ def normalise(
     Returns:
         Number of runs, and the mass that was kept of one.
     """
-    states = 0
-    for r in range(n):
-        states += runs[r, 1] - runs[r, 0]
-    if least * states >= 1.0 and largest(values, runs, n) < least * mass:
+    if least * states_of(runs, n) >= 1.0 and largest(values, runs, n) < least * mass:
         least = 0.0
     # In the belief's own precision, so that several states can be done at once.
     zero = values.dtype.type(0)
     scale, limit = values.dtype.type(1.0 / mass), values.dtype.type(least * mass)
-    dropped = np.zeros(CHUNK)
+    dropped = 0.0
     for r in range(n):
-        of = values[runs[r, 0] : runs[r, 1]]
+        of, small = values[runs[r, 0] : runs[r, 1]], 0
         for i in range(of.shape[0]):
-            p = of[i]
-            q = p if p >= limit else zero
-            dropped[i] += p - q
-            of[i] = q * scale
-    lost = dropped.sum() / mass
+            small += (of[i] < limit) & (of[i] > zero)
+        for i in range(of.shape[0] if small > 0 else 0):
+            if of[i] < limit:
+                dropped += of[i]
+                of[i] = zero
+        for i in range(of.shape[0]):
+            of[i] *= scale
+    lost = dropped / mass
     n = prune(values, runs, n, size, flags)
     if lost > 0.0:
         scale = values.dtype.type(1.0 / (1.0 - lost))

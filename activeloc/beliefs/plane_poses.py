@@ -193,36 +193,40 @@ def at_shares(
 
 
 @njit(cache=True, nogil=True)
-def area_near(
+def share_near(
     share: NDArray[np.float64],
     index: NDArray[np.int32],
     centres: NDArray[np.float64],
+    thetas: NDArray[np.float64],
+    frame: NDArray[np.float64],
     pose: NDArray[np.float64],
     radius: float,
-    row: float,
-    col: float,
-    reach: float,
+    angle: float,
 ) -> float:
-    """Sum of ``share`` over the cells whose centre lies within ``radius`` [m] of a pose.
+    """Mass near a pose, as :func:`near`, of a belief that is alike in all headings.
 
     Args:
-        share: ``(C,)``.
+        share: ``(C,)``; mass of each cell.
         index: ``(rows, cols)`` of cell or -1.
         centres: ``(C, 2)`` [m].
+        thetas: ``(K,)`` [rad].
+        frame: x and y of the lower left corner [m], and cells per metre.
         pose: ``(3,)``.
-        radius: [m].
-        row: Where the pose is, and
-        col: its column [cell],
-        reach: and how far around it to look [cell].
+        radius: Of the window; cells count by their centre.
+        angle: Of the window.
     """
-    total = 0.0
-    first_row, last_row = max(0.0, row - reach), min(float(index.shape[0]), row + reach + 1.0)
-    first_col, last_col = max(0.0, col - reach), min(float(index.shape[1]), col + reach + 1.0)
-    for r in range(int(first_row), int(last_row)):
-        for c in range(int(first_col), int(last_col)):
-            cell = index[r, c]
-            if cell >= 0:
-                dx, dy = centres[cell, 0] - pose[0], centres[cell, 1] - pose[1]
+    rows, cols = index.shape
+    reach, total, headings = radius * frame[2] + 1.0, 0.0, 0
+    col, row = (pose[0] - frame[0]) * frame[2], (pose[1] - frame[1]) * frame[2]
+    if not (-reach <= col <= cols + reach and -reach <= row <= rows + reach):
+        return 0.0
+    for y in range(max(0, int(row - reach)), min(rows, int(row + reach) + 1)):
+        for x in range(max(0, int(col - reach)), min(cols, int(col + reach) + 1)):
+            c = index[y, x]
+            if c >= 0:
+                dx, dy = centres[c, 0] - pose[0], centres[c, 1] - pose[1]
                 if dx * dx + dy * dy <= radius * radius:
-                    total += share[cell]
-    return total
+                    total += share[c]
+    for k in range(thetas.shape[0]):
+        headings += abs((thetas[k] - pose[2] + np.pi) % (2.0 * np.pi) - np.pi) <= angle
+    return total * headings / thetas.shape[0]

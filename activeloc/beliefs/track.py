@@ -8,11 +8,11 @@ too small for the grid are added up until they count; what happens is written do
 from __future__ import annotations
 
 from copy import copy
-from math import log
+from math import erfc, exp, log, pi, sqrt
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from activeloc.beliefs.background import elsewhere_after
 from activeloc.beliefs.grid_tables import GridTables
@@ -26,6 +26,7 @@ from activeloc.motion import SLIP_ANGLE, SLIP_TRAVEL, MotionNoise
 SPARSE = 0.25
 
 
+@njit(cache=True, nogil=True)
 def turn_taps(turn: float, sigma: float, bin_width: float) -> tuple[int, NDArray[np.float64]]:
     """Where a rotation takes the mass of a heading bin: first shift [bin] and weights.
 
@@ -35,16 +36,18 @@ def turn_taps(turn: float, sigma: float, bin_width: float) -> tuple[int, NDArray
     spread = 5.0 * sigma + bin_width
     first = int(np.floor((turn - spread) / bin_width))
     last = int(np.ceil((turn + spread) / bin_width))
-    edges = np.arange(first - 1, last + 2) * bin_width - turn
-    if sigma > 0.0:
-        density = np.exp(-0.5 * (edges / sigma) ** 2) / np.sqrt(2.0 * np.pi)
-        ramp = edges * ndtr(edges / sigma) + sigma * density
-    else:
-        ramp = np.maximum(edges, 0.0)
+    ramp = np.empty(last - first + 3)
+    for i in range(ramp.shape[0]):
+        edge = (first - 1 + i) * bin_width - turn
+        if sigma > 0.0:
+            density = exp(-0.5 * (edge / sigma) ** 2) / sqrt(2.0 * pi)
+            ramp[i] = 0.5 * edge * erfc(-edge / (sigma * sqrt(2.0))) + sigma * density
+        else:
+            ramp[i] = max(edge, 0.0)
     taps = (ramp[2:] - 2.0 * ramp[1:-1] + ramp[:-2]) / bin_width
     kept = np.flatnonzero(taps > 1e-7)
     taps = taps[kept[0] : kept[-1] + 1]
-    return first + int(kept[0]), taps / taps.sum()
+    return first + kept[0], taps / taps.sum()
 
 
 def _hops(levels: int, longest: int) -> list[int]:

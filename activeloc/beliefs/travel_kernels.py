@@ -119,36 +119,49 @@ def fill_plain(
 
 @njit(cache=True, nogil=True)
 def _add_probe(
-    parts: NDArray[np.float64],
-    landings: NDArray[np.int64],
+    free: NDArray[np.uint8],
+    q: NDArray[np.float64],
+    p_free: NDArray[np.float64],
+    exists: NDArray[np.uint8],
+    shifts: NDArray[np.int64],
+    slots: NDArray[np.int64],
     shares: NDArray[np.float64],
-    q: float,
-    p: float,
-    is_cell: NDArray[np.uint8],
-    around: NDArray[np.int64],
-) -> float:
-    """Add the free ways of one probe to its state's window; returns the share of ways cut short.
+    ways: NDArray[np.float64],
+    rest: NDArray[np.float64],
+    w: NDArray[np.float64],
+) -> None:
+    """Add the free ways of one probe to the windows of a row of places.
 
     Args:
-        parts: ``(slots,)``, added to.
-        landings: ``(E,)``; slots that the probe's ways end in, with
-        shares: ``(E,)``, summing to one.
-        q: Weight of the probe in the row.
-        p: Probability that its way was open.
-        is_cell: 1 where the belief has a cell, from the state's own on.
-        around: ``(slots,)``; where each slot is in ``is_cell``.
+        free: ``(n,)`` in units.
+        q: ``(n,)``; weight of the probe in each state's row, 0 where it is closed.
+        p_free: ``(256,)``; probability that the way was open, by free distance.
+        exists: 1 where the belief has a cell, from the first slot of the first place on.
+        shifts: ``(E,)``; where there the probe's ways end,
+        slots: ``(E,)``; in which slot, and
+        shares: ``(E,)`` of them, summing to one.
+        ways: ``(slots, n)``, added to.
+        rest: ``(n,)``, overwritten with the weight of the ways cut short.
+        w: ``(n,)``, overwritten.
     """
-    landing = 0.0
-    for e in range(landings.shape[0]):
-        if is_cell[around[landings[e]]] != 0:
-            landing += shares[e]
-    # A way that is open along the probe's heading but ends on no cell of the belief.
-    if landing < 1e-3:
-        return 1.0
-    for e in range(landings.shape[0]):
-        if is_cell[around[landings[e]]] != 0:
-            parts[landings[e]] += q * p / landing * shares[e]
-    return 1.0 - p
+    n = free.shape[0]
+    for i in range(n):
+        w[i] = q[i] * p_free[free[i]]
+        rest[i] = 0.0
+    for e in range(shifts.shape[0]):
+        there, share = exists[shifts[e] :], shares[e]
+        for i in range(n):
+            rest[i] += share * there[i]
+    for i in range(n):
+        # A way that is open along the probe's heading but ends on no cell of the belief is none.
+        landing = rest[i]
+        is_way = 1.0 if landing >= 1e-3 else 0.0
+        rest[i] = q[i] - w[i] * is_way
+        w[i] *= is_way / max(landing, 1e-3)
+    for e in range(shifts.shape[0]):
+        there, share, to = exists[shifts[e] :], shares[e], ways[slots[e]]
+        for i in range(n):
+            to[i] += w[i] * share * there[i]
 
 
 @njit(cache=True, nogil=True)
@@ -171,8 +184,7 @@ def _stops(
 def fill_rows(
     first: int,
     free: NDArray[np.uint8],
-    is_open: NDArray[np.bool_],
-    place: NDArray[np.int32],
+    q: NDArray[np.float64],
     exists: NDArray[np.uint8],
     plain: NDArray[np.uint8],
     lattice: NDArray[np.float64],
@@ -183,95 +195,99 @@ def fill_rows(
     p_free: NDArray[np.float64],
     reach: NDArray[np.float64],
     size: NDArray[np.int64],
-    target: NDArray[np.uint32],
+    target: NDArray[np.uint16],
     weight: NDArray[np.float32],
 ) -> tuple[int, int]:
-    """Write the rows of one heading that obstacles touch, from a cell on, as long as there is room.
+    """Write the rows of one heading that obstacles touch, as long as there is room.
+
+    A row of places is done at once, probe by probe.
 
     Args:
-        first: First cell.
+        first: First row of places.
         free: ``(T, S, P)`` in units; probes are T headings from S sub-poses.
-        is_open: ``(S, C)``.
-        place: ``(C,)``.
+        q: ``(S, P)``; weight of a probe in each state's row, 0 where it is closed.
         exists: ``(rows + 2 R, cols + 2 R)``; 1 where the belief has a cell.
-        plain: ``(1 + T, rows, cols)``; states that need no row, and those where all the probes of
-            one heading are free and land on cells.
+        plain: ``(rows, cols)``; states that need no row.
         lattice: ``(S, 2)`` of offsets of the sub-poses [cell].
         angles: ``(T,)``; headings of the probes.
-        start: ``(T S + T + 1,)``; landings of each probe, and of each heading, entries of
+        start: ``(T S + 1,)``; landings of each probe, entries of
         slot: ``(E,)`` of the window that they fall into and
         share: ``(E,)``, summing to one for each.
         p_free: ``(256,)``; probability that the way was open, by free distance.
         reach: Length of a unit, and of the travel [cell].
-        size: ``(C,)``, overwritten with entries per row.
+        size: ``(rows * cols,)``, zeros, overwritten with entries per row.
         target: Overwritten with places.
         weight: ``(2, ...)``, overwritten with free and clipped weights.
 
     Returns:
-        One past the last cell done, and how many entries were written.
+        One past the last row of places done, and how many entries were written.
     """
-    n_turns, n_sub, n_cells = free.shape[0], is_open.shape[0], place.shape[0]
-    cols = plain.shape[2]
+    n_sub, (rows, cols) = free.shape[1], plain.shape
     half = (exists.shape[1] - cols) // 2
     side = 2 * half + 1
-    all_cells, own = exists.ravel(), half * side + half
+    own, all_cells = half * side + half, exists.ravel()
     # A slot of the window: where its place is from the state's, and where in ``exists`` from the
     # first slot's.
     where, around = np.empty(side * side, dtype=np.int64), np.empty(side * side, dtype=np.int64)
     for i in range(side * side):
         where[i] = (i // side - half) * cols + i % side - half
         around[i] = i // side * exists.shape[1] + i % side
-    parts = np.zeros((2, side * side))
-    ways, cut = parts[0], parts[1]
-    stop = _stops(lattice, angles, reach, half)
-    is_used = np.zeros(side * side, dtype=np.bool_)
+    shift, stop = around[slot], _stops(lattice, angles, reach, half)
+    used = _used(slot, stop, own, side * side)
+    ways, cut = np.zeros((side * side, cols)), np.zeros((side * side, cols))
+    rest, w, columns = np.empty(cols), np.empty(cols), np.empty(cols, dtype=np.int64)
+    n = 0
+    for row in range(first, rows):
+        is_cell = all_cells[row * exists.shape[1] :]
+        here = is_cell[half * exists.shape[1] + half :]
+        n_beside = 0
+        for col in range(cols):
+            if here[col] != 0 and plain[row, col] == 0:
+                columns[n_beside] = col
+                n_beside += 1
+        if n_beside == 0:
+            continue
+        if n + n_beside * used.shape[0] > target.shape[0]:
+            return row, n
+        beside = columns[:n_beside]
+        at = row * cols
+        for i in range(start.shape[0] - 1):
+            length = free[i // n_sub, i % n_sub, at : at + cols]
+            e = slice(start[i], start[i + 1])
+            _add_probe(
+                length, q[i % n_sub, at : at + cols], p_free, is_cell, shift[e], slot[e], share[e],
+                ways, rest, w,
+            )  # fmt: skip
+            for col in beside:
+                if rest[col] > 0.0:
+                    there = stop[i, length[col]]
+                    cut[there if is_cell[col + around[there]] != 0 else own, col] += rest[col]
+        for col in beside:
+            for j in used:
+                if ways[j, col] + cut[j, col] > 0.0:
+                    target[n] = at + col + where[j]
+                    weight[0, n], weight[1, n] = ways[j, col], cut[j, col]
+                    n += 1
+                    size[at + col] += 1
+        for j in used:
+            ways[j, :] = 0.0
+            cut[j, :] = 0.0
+    return rows, n
+
+
+@njit(cache=True, nogil=True)
+def _used(
+    slot: NDArray[np.int64], stop: NDArray[np.int64], own: int, n_slots: int
+) -> NDArray[np.int64]:
+    """Slots that a way may end in, ascending."""
+    is_used = np.zeros(n_slots, dtype=np.bool_)
     is_used[own] = True
     for e in range(slot.shape[0]):
         is_used[slot[e]] = True
     for i in range(stop.shape[0]):
-        for f in range(256):
+        for f in range(stop.shape[1]):
             is_used[stop[i, f]] = True
-    used = np.flatnonzero(is_used)
-    n = 0
-    for c in range(first, n_cells):
-        here = place[c]
-        row, col = here // cols, here % cols
-        size[c] = 0
-        if plain[0, row, col] != 0:
-            continue
-        if n + side * side > target.shape[0]:
-            return c, n
-        n_open = 0
-        for s in range(n_sub):
-            n_open += is_open[s, c]
-        q = 1.0 / (n_open * n_turns)
-        is_cell = all_cells[row * exists.shape[1] + col :]
-        for t in range(n_turns):
-            if plain[1 + t, row, col] != 0:
-                for e in range(start[n_turns * n_sub + t], start[n_turns * n_sub + t + 1]):
-                    ways[slot[e]] += share[e] / n_turns
-                continue
-            for s in range(n_sub):
-                if not is_open[s, c]:
-                    continue
-                length, rest, i = free[t, s, here], 1.0, t * n_sub + s
-                if p_free[length] > 0.0:
-                    rest = _add_probe(
-                        ways, slot[start[i] : start[i + 1]], share[start[i] : start[i + 1]],
-                        q, p_free[length], is_cell, around,
-                    )  # fmt: skip
-                if rest > 0.0:
-                    there = stop[i, length]
-                    cut[there if is_cell[around[there]] != 0 else own] += q * rest
-        begin = n
-        for at in used:
-            if ways[at] + cut[at] > 0.0:
-                target[n] = here + where[at]
-                weight[0, n], weight[1, n] = ways[at], cut[at]
-                ways[at] = cut[at] = 0.0
-                n += 1
-        size[c] = n - begin
-    return n_cells, n
+    return np.flatnonzero(is_used)
 
 
 @njit(cache=True, nogil=True)

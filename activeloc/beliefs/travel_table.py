@@ -215,35 +215,35 @@ class TravelTable:
     ) -> tuple[NDArray[np.int64], NDArray[Any], NDArray[Any], NDArray[np.float32],
                NDArray[np.uint8]]:  # fmt: skip
         grid, layout, half = self.grid, self.layout, window.shape[2] // 2
-        exists = np.pad((grid.index >= 0).astype(np.uint8), half)
+        exists_at = (grid.index >= 0).astype(np.uint8)
+        exists = np.pad(exists_at, half)
         whole = np.zeros(layout.size, dtype=np.uint8)
         whole[layout.place] = grid.is_open.all(axis=1)
+        q = np.zeros((SUB * SUB, layout.size))
+        q[:, layout.place] = self._is_open / (len(TURNS) * self._is_open.sum(axis=0))
         plain = np.zeros((grid.headings, layout.size), dtype=np.uint8)
-        sizes = np.empty((grid.headings, len(layout.place)), dtype=np.int64)
+        sizes = np.zeros((grid.headings, layout.size), dtype=np.int64)
         small = np.dtype(np.uint16 if layout.size <= 2**16 else np.uint32)
-        target, weight = np.empty(_ROOM, small), np.empty((2, _ROOM), np.float32)
+        room = max(_ROOM, layout.cols * window.shape[2] ** 2)
+        target, weight = np.empty(room, small), np.empty((2, room), np.float32)
         targets, weights, turns = [], [], np.array(TURNS) * grid.bin_width
-        held = np.empty((1 + len(TURNS), *grid.shape), dtype=np.uint8)
         for k in range(grid.headings):
-            by_turn = window[k].reshape(len(TURNS), SUB * SUB, *window.shape[2:]).mean(axis=1)
-            start, step, share = _sparse(np.concatenate([window[k], by_turn]))
+            start, step, share = _sparse(window[k])
             slot = (step + half) @ np.array([2 * half + 1, 1])
-            for t in range(len(TURNS)):
-                steps = step[start[len(window[k]) + t] : start[len(window[k]) + t + 1]]
-                kernels.fill_plain(self.free[k, t], whole, exists, steps, safe, held[1 + t])
-            held[0] = held[1:].all(axis=0)
-            plain[k, : held[0].size] = held[0].ravel()
+            places = plain[k, : exists_at.size].reshape(grid.shape)
+            free = self.free[k].reshape(-1, layout.size)
+            kernels.fill_plain(free, whole, exists, np.unique(step, axis=0), safe, places)
             first = 0
-            while first < len(layout.place):
+            while first < grid.shape[0]:
                 first, n = kernels.fill_rows(
-                    first, self.free[k], self._is_open, layout.place, exists, held,
-                    grid.lattice, grid.thetas[k] + turns, start, slot, share,
-                    p_free, reach, sizes[k], target, weight,
+                    first, self.free[k], q, exists, places, grid.lattice, grid.thetas[k] + turns,
+                    start, slot, share, p_free, reach, sizes[k], target, weight,
                 )  # fmt: skip
                 targets.append(target[:n].copy())
                 weights.append(weight[:, :n].copy())
-        source = np.repeat(np.tile(layout.place.astype(small), grid.headings), sizes.ravel())
-        row_start = np.append(0, sizes.ravel().cumsum())
+        own = np.arange(layout.size, dtype=small)
+        source = np.repeat(np.tile(own, grid.headings), sizes.ravel())
+        row_start = np.append(0, sizes[:, layout.place].ravel().cumsum())
         return (
             row_start, source, np.concatenate(targets), np.concatenate(weights, axis=1),
             plain.ravel(),
