@@ -1,7 +1,7 @@
 """Draw the pictures of ``docs/idea.md``: ``python docs/figures/idea.py``.
 
 One episode in a generated office, as `activeloc watch --agent spin --agent active --map office:0
---episode 3` plays it: four moments of `active`, and how the entropy fell with either agent.
+--episode 8` plays it: four moments of `active`, and how the entropy fell with either agent.
 """
 
 from pathlib import Path
@@ -14,8 +14,8 @@ from activeloc.envs.rendering import frames_of
 from activeloc.maps import MapSource
 from activeloc.plots import plot_entropy_curves
 
-EPISODE = 3
-MOMENTS = {"everywhere": 0, "corridors": 3, "four-places": 6, "declared": 22}
+EPISODE = 8
+MOMENTS = {"everywhere": 0, "beside-walls": 4, "like-places": 10, "declared": 22}
 FOLDER = Path(__file__).resolve().parents[1] / "idea"
 
 
