@@ -284,17 +284,22 @@ def test_where_nothing_pays_it_goes_where_it_has_not_been():
     np.testing.assert_allclose(agent._novelties(options), [1.6, -0.4, np.sqrt(2) - 0.4, 0.6])
 
 
-def test_a_robot_that_is_sure_leaves_its_room():
-    """It tracks its pose and has nothing to learn, in the lower left room of two."""
+def leaves_its_room(seed):
+    """Whether a robot that tracks its pose, in the lower left room of two, goes to the upper one."""
     env = gym.make("activeloc/PositionTracking-v0", belief={"kind": "particles", **TINY}).unwrapped
     start = {"grid": TWO_ROOMS, "pose": np.array([4.25, 1.25, 0.0])}
-    observation, _ = env.reset(seed=2, options=start)
+    observation, _ = env.reset(seed=seed, options=start)
     agent = agent_of(step_cost=0.05)
-    left = []
     for _ in range(60):
-        env.step(agent.act(observation, env.knowledge))
-        left.append(env.knowledge.summary.estimate[1] > 2.5)
-    assert any(left)
+        observation = env.step(agent.act(observation, env.knowledge))[0]
+        if env.knowledge.summary.estimate[1] > 2.5:
+            return True
+    return False
+
+
+def test_a_robot_that_is_sure_leaves_its_room():
+    """It has nothing to learn where it is; the door is narrow, and sixty steps are few."""
+    assert sum(leaves_its_room(seed) for seed in range(6)) >= 3
 
 
 # --- carrying it out
