@@ -285,7 +285,7 @@ def test_where_nothing_pays_it_goes_where_it_has_not_been():
 
 
 def leaves_its_room(seed):
-    """Whether a robot that tracks its pose, in the lower left room of two, goes to the upper one."""
+    """Whether a robot that knows where it is, in the lower room of two, goes to the upper one."""
     env = gym.make("activeloc/PositionTracking-v0", belief={"kind": "particles", **TINY}).unwrapped
     start = {"grid": TWO_ROOMS, "pose": np.array([4.25, 1.25, 0.0])}
     observation, _ = env.reset(seed=seed, options=start)
