@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from activeloc.beliefs.common_bins import overlap
 from activeloc.beliefs.pose_grid import PoseGrid
 
 
@@ -68,6 +67,18 @@ class CoarseBins:
         of = np.repeat(np.arange(poses.headings), bins.shape[1])
         np.add.at(headings, (bins.ravel() % n_headings, of), heading_shares.ravel())
         return cls(headings / headings.sum(axis=0), rows, row_shares, first, col_shares, shape)
+
+
+def overlap(
+    start: NDArray[np.float64], width: float, bin_width: float
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """Bins that intervals ``[start, start + width]`` lie in, and the share in each: ``(N, W)``."""
+    n_bins = int(np.ceil(width / bin_width - 1e-9)) + 1
+    first = np.floor(start / bin_width + 1e-9).astype(np.int32)
+    bins = np.asarray(first[:, None] + np.arange(n_bins), dtype=np.int32)
+    low = np.maximum(bins * bin_width, start[:, None])
+    high = np.minimum((bins + 1) * bin_width, start[:, None] + width)
+    return bins, (np.maximum(high - low, 0.0) / width).astype(np.float32)
 
 
 def _along(

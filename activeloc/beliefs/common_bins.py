@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeloc import checks
-from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.grid import OccupancyGrid
 
 
@@ -19,18 +18,6 @@ def entropy(p: NDArray[np.floating]) -> float:
     """Shannon entropy of probabilities of any shape [nat]; 0 log 0 is 0."""
     positive = p[p > 0.0].astype(np.float64)
     return float(-(positive * np.log(positive)).sum())
-
-
-def overlap(
-    start: NDArray[np.float64], width: float, bin_width: float
-) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """Bins that intervals ``[start, start + width]`` lie in, and the share in each: ``(N, W)``."""
-    n_bins = int(np.ceil(width / bin_width - 1e-9)) + 1
-    first = np.floor(start / bin_width + 1e-9).astype(np.int32)
-    bins = np.asarray(first[:, None] + np.arange(n_bins), dtype=np.int32)
-    low = np.maximum(bins * bin_width, start[:, None])
-    high = np.minimum((bins + 1) * bin_width, start[:, None] + width)
-    return bins, (np.maximum(high - low, 0.0) / width).astype(np.float32)
 
 
 class CommonBins:
@@ -72,25 +59,3 @@ class CommonBins:
         row, col = np.divmod(place, self.shape[1])
         xy = (np.column_stack([col, row]) + 0.5) * self.size + self.origin
         return np.column_stack([xy, -np.pi + (heading + 0.5) * self.angle])
-
-    def places_of(self, grid: PoseGrid) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Places (bins without their heading) under each cell, and their shares of it.
-
-        Returns:
-            Place ``(C, P)`` and share ``(C, P)``; shares sum to one.
-        """
-        start = grid.cells[:, ::-1].astype(np.float64) * grid.cell_size
-        cols, col_share = overlap(start[:, 0], grid.cell_size, self.size)
-        rows, row_share = overlap(start[:, 1], grid.cell_size, self.size)
-        rows, cols = rows.clip(0, self.shape[0] - 1), cols.clip(0, self.shape[1] - 1)
-        place = rows[:, :, None] * self.shape[1] + cols[:, None, :]
-        share = row_share[:, :, None] * col_share[:, None, :]
-        n = len(start)
-        share = share.reshape(n, -1)
-        return place.reshape(n, -1).astype(np.int32), share / share.sum(axis=1, keepdims=True)
-
-    def headings_of(self, grid: PoseGrid) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Heading bins under each of the grid's, and their shares: ``(K, P)`` each."""
-        start = grid.thetas - 0.5 * grid.bin_width + np.pi
-        bins, share = overlap(start, grid.bin_width, self.angle)
-        return bins % self.n_headings, share / share.sum(axis=1, keepdims=True)

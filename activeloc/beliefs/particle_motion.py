@@ -108,6 +108,35 @@ def turn(
 
 
 @njit(cache=True, nogil=True)
+def travel(
+    squares: NDArray[np.uint8],
+    frame: NDArray[np.float64],
+    x: float,
+    y: float,
+    heading: float,
+    wanted: float,
+) -> tuple[float, float, float]:
+    """Where a particle gets that drives ``wanted`` [m], and the length of the way there [m].
+
+    Args:
+        squares: ``(4, H + 2, W + 2)``; of the cells that are open to the robot's centre.
+        frame: Of the map.
+        x: Where it stands [m].
+        y: [m].
+        heading: [rad].
+        wanted: Backwards if negative [m].
+    """
+    cos, sin = unit(heading)
+    sign = 1.0 if wanted >= 0.0 else -1.0
+    dx, dy = sign * cos, sign * sin
+    col, row = (x - frame[0]) * frame[2], (y - frame[1]) * frame[2]
+    length = free_way(squares, col, row, dx, dy, abs(wanted) * frame[2])
+    per_cell = 1.0 / frame[2]
+    x, y = frame[0] + (col + length * dx) * per_cell, frame[1] + (row + length * dy) * per_cell
+    return x, y, length * per_cell
+
+
+@njit(cache=True, nogil=True)
 def drive(
     squares: NDArray[np.uint8],
     frame: NDArray[np.float64],
@@ -134,20 +163,13 @@ def drive(
         slack: What may be missing of the way before it counts as cut short [m].
         log_floor: Added to the log-weight of ways that were cut short.
     """
-    per_cell = 1.0 / frame[2]
     for i in range(poses.shape[0]):
         heading = wrapped(poses[i, 2] + u[0] + sigma[0] * normals[noise[i, 0]])
         wanted = u[1] + sigma[1] * normals[noise[i, 1]]
-        cos, sin = unit(heading)
-        sign = 1.0 if wanted >= 0.0 else -1.0
-        dx, dy = sign * cos, sign * sin
-        col = (poses[i, 0] - frame[0]) * frame[2]
-        row = (poses[i, 1] - frame[1]) * frame[2]
-        length = free_way(squares, col, row, dx, dy, abs(wanted) * frame[2])
-        poses[i, 0] = frame[0] + (col + length * dx) * per_cell
-        poses[i, 1] = frame[1] + (row + length * dy) * per_cell
+        x, y, way = travel(squares, frame, poses[i, 0], poses[i, 1], heading, wanted)
+        poses[i, 0], poses[i, 1] = x, y
         poses[i, 2] = wrapped(heading + u[2] + sigma[2] * normals[noise[i, 2]])
-        if abs(wanted) - length * per_cell > slack:
+        if abs(wanted) - way > slack:
             log_w[i] += log_floor
 
 
@@ -176,19 +198,12 @@ def slip(
         poses: ``(N, 3)``, overwritten at ``slipping``.
         log_w: ``(N,)``, overwritten at ``slipping``.
     """
-    per_cell = 1.0 / frame[2]
     for k in range(slipping.shape[0]):
         i = slipping[k]
         rot1, trans = slipped(u, uniforms[k, 0], uniforms[k, 1])
         heading = wrapped(before[k, 2] + rot1)
-        cos, sin = unit(heading)
-        sign = 1.0 if trans >= 0.0 else -1.0
-        dx, dy = sign * cos, sign * sin
-        col = (before[k, 0] - frame[0]) * frame[2]
-        row = (before[k, 1] - frame[1]) * frame[2]
-        length = free_way(squares, col, row, dx, dy, abs(trans) * frame[2])
-        poses[i, 0] = frame[0] + (col + length * dx) * per_cell
-        poses[i, 1] = frame[1] + (row + length * dy) * per_cell
+        x, y, _ = travel(squares, frame, before[k, 0], before[k, 1], heading, trans)
+        poses[i, 0], poses[i, 1] = x, y
         poses[i, 2] = wrapped(heading + u[2])
         log_w[i] = weighed[k]
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeloc.beliefs import plane_kernels as kernels
+from activeloc.beliefs import plane_motion as motion
 from activeloc.beliefs import plane_poses as found
 from activeloc.beliefs import plane_summary as summary
 from activeloc.beliefs.coarse import CoarseBins
@@ -75,7 +76,7 @@ class PlaneBelief:
         sheet = self._sheet
         if len(self._taps):
             to, taps = self.tables.take(), self._waiting_taps()
-            to.n = kernels.rotate(
+            to.n = motion.rotate(
                 sheet.values, sheet.runs, sheet.n, self.tables.layout.size, self._first, taps,
                 to.values, to.runs, to.n, to.flags,
             )  # fmt: skip
@@ -134,7 +135,7 @@ class PlaneBelief:
         of, to, divisor = self._sheet, tables.take(), self._divisor
         start, shift, weight = travel.fours(precision)
         turns = len(self._taps) > 0
-        to.n, mass = kernels.translate(
+        to.n, mass = motion.translate(
             of.values, of.runs, of.n, layout.size, self._first, self._waiting_taps(),
             0 if level > 0 else layout.headings // 2, layout.cols,
             start, shift, weight, travel.box, travel.plain, travel.edge_start,

@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.beliefs.plane_kernels import mark_turned, turn_run
 from activeloc.beliefs.plane_layout import CHUNK, by_chunk, clear_rest, collect
+from activeloc.beliefs.plane_motion import mark_turned, turn_run
 
 SHORT = 16  # Runs up to this long are gone through state by state, skipping the empty ones.
 
@@ -103,7 +103,7 @@ def multiply(
         n: How many.
         size: P.
         first: Of the turn, and
-        taps: ``(J,)``; see :func:`plane_kernels.rotate`. No turn if there is none.
+        taps: ``(J,)``; see :func:`plane_motion.rotate`. No turn if there is none.
         row: ``(D * P,)``.
         p: ``(Z, R)`` of likelihoods.
         readings: ``(A,)``; row of ``p`` for each beam.

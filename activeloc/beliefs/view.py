@@ -11,8 +11,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from activeloc.beliefs.common_bins import overlap
-from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.grid import OccupancyGrid
 
 
@@ -31,33 +29,6 @@ def view_pixels(
     col = np.clip(np.floor((xy[:, 0] - left) / pixel), 0, cols - 1)
     row = np.clip(np.floor((xy[:, 1] - bottom) / pixel), 0, rows - 1)
     return np.asarray(row * cols + col, dtype=np.int32)
-
-
-@lru_cache(maxsize=64)
-def view_shares(
-    poses: PoseGrid, headings: int, rows: int, cols: int
-) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.int32], NDArray[np.float32]]:
-    """Pixels under each cell and heading bins under each of the grid's, with their shares.
-
-    Returns:
-        Pixel and share ``(C, P)``, heading bin and share ``(K, Q)``; shares sum to one per row.
-    """
-    left, bottom, pixel = view_frame(poses.terrain.grid, rows, cols)
-    corner = poses.cells[:, ::-1].astype(np.float64) * poses.cell_size
-    corner += np.array(poses.terrain.grid.origin) - (left, bottom)
-    col, col_share = overlap(corner[:, 0], poses.cell_size, pixel)
-    row, row_share = overlap(corner[:, 1], poses.cell_size, pixel)
-    row, col = row.clip(0, rows - 1), col.clip(0, cols - 1)
-    place = (row[:, :, None] * cols + col[:, None, :]).reshape(len(corner), -1)
-    share = (row_share[:, :, None] * col_share[:, None, :]).reshape(len(corner), -1)
-    start = poses.thetas - 0.5 * poses.bin_width + np.pi
-    heading, heading_share = overlap(start, poses.bin_width, 2.0 * np.pi / headings)
-    return (
-        place.astype(np.int32),
-        share / share.sum(axis=1, keepdims=True),
-        heading % headings,
-        heading_share / heading_share.sum(axis=1, keepdims=True),
-    )
 
 
 @lru_cache(maxsize=64)

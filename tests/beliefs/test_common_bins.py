@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from activeloc.beliefs.coarse import CoarseBins
 from activeloc.beliefs.common_bins import CommonBins, entropy
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig
 from activeloc.beliefs.particles import ParticleBelief, ParticleConfig
@@ -61,46 +62,46 @@ def test_bins_by_hand():
     np.testing.assert_array_equal(bins.index(poses), [0, 0, 12 + 11, 14 * 12, 6])
 
 
+def coarse(grid):
+    """The common bins under a grid's states."""
+    bins = CommonBins(building())
+    return bins, CoarseBins.over(grid, bins.origin, bins.size, bins.shape, bins.n_headings)
+
+
 @pytest.mark.parametrize("cell_size", [0.05, 0.1, 0.2, 0.25, 0.3, 0.7])
 @pytest.mark.parametrize("headings", [4, 12, 20, 72])
 def test_shares_sum_to_one_and_equal_areas(cell_size, headings):
     grid = PoseGrid(Terrain(building(), 0.2), cell_size, headings)
-    bins = CommonBins(building())
-    place, share = bins.places_of(grid)
-    assert place.min() >= 0
-    assert place.max() < bins.shape[0] * bins.shape[1]
-    np.testing.assert_allclose(share.sum(axis=1), 1.0, atol=1e-6)
+    bins, shares = coarse(grid)
+    cols = np.zeros((shares.shape[1], grid.shape[1]))
+    for x, first in enumerate(shares.col_first):
+        there = cols[x, first : first + shares.col_shares.shape[1]]
+        there += shares.col_shares[x, : len(there)]
+    np.testing.assert_allclose(shares.row_shares.sum(axis=1), 1.0, atol=1e-6)
+    np.testing.assert_allclose(cols.sum(axis=0), 1.0, atol=1e-6)
+    np.testing.assert_allclose(shares.headings.sum(axis=0), 1.0, atol=1e-6)
     # The oracle throws points at a few cells and sees where they fall.
-    rng = np.random.default_rng(0)
-    for c in rng.choice(len(grid.cells), 5, replace=False):
-        corner = grid.cells[c, ::-1] * cell_size + bins.origin
+    rng, tolerance = np.random.default_rng(0), 5 * 0.5 / np.sqrt(20_000)
+    for row, col in grid.cells[rng.choice(len(grid.cells), 5, replace=False)]:
+        corner = np.array([col, row]) * cell_size + bins.origin
         poses = np.zeros((20_000, 3))
         poses[:, :2] = corner + rng.random((20_000, 2)) * cell_size
         thrown = np.bincount(bins.index(poses) // 12, minlength=len(bins) // 12) / 20_000
-        told = np.bincount(place[c], share[c], minlength=len(bins) // 12)
-        np.testing.assert_allclose(told, thrown, atol=5 * 0.5 / np.sqrt(20_000))
-    heading, part = bins.headings_of(grid)
-    np.testing.assert_allclose(part.sum(axis=1), 1.0, atol=1e-6)
+        rows = np.bincount(shares.row_bins[row], shares.row_shares[row], minlength=bins.shape[0])
+        np.testing.assert_allclose(np.outer(rows, cols[:, col]).ravel(), thrown, atol=tolerance)
     for k in range(headings):
         theta = grid.thetas[k] + (rng.random(20_000) - 0.5) * grid.bin_width
         poses = np.column_stack([np.zeros((20_000, 2)), theta])
         thrown = np.bincount(bins.index(poses) % 12, minlength=12) / 20_000
-        told = np.bincount(heading[k], part[k], minlength=12)
-        np.testing.assert_allclose(told, thrown, atol=5 * 0.5 / np.sqrt(20_000))
+        np.testing.assert_allclose(shares.headings[:, k], thrown, atol=tolerance)
 
 
 def test_heading_bins_by_hand():
-    grid = PoseGrid(Terrain(building(), 0.2), 0.5, 72)
-    heading, share = CommonBins(building()).headings_of(grid)
-    whole = share > 1e-6
-    np.testing.assert_array_equal(whole.sum(axis=1), 1)
-    np.testing.assert_array_equal(heading[whole], np.arange(72) // 6)
-    grid = PoseGrid(
-        Terrain(building(), 0.2), 0.5, 20
-    )  # 18 degrees in 30: the second is cut 12 : 6.
-    heading, share = CommonBins(building()).headings_of(grid)
-    told = [{int(b): round(float(s), 6) for b, s in zip(*row, strict=True) if s > 1e-6}
-            for row in zip(heading, share, strict=True)]  # fmt: skip
+    shares = coarse(PoseGrid(Terrain(building(), 0.2), 0.5, 72))[1].headings
+    np.testing.assert_allclose(shares, np.repeat(np.eye(12), 6, axis=1), atol=1e-6)
+    # 18 degrees in 30: the second is cut 12 : 6.
+    shares = coarse(PoseGrid(Terrain(building(), 0.2), 0.5, 20))[1].headings.T
+    told = [{int(b): round(float(row[b]), 6) for b in np.flatnonzero(row > 1e-6)} for row in shares]
     assert told[:3] == [{0: 1.0}, {0: 0.666667, 1: 0.333333}, {1: 1.0}]
     assert told[19] == {11: 1.0}
 

@@ -15,6 +15,7 @@ from scipy.stats import norm
 
 from activeloc.beliefs import plane_kernels as kernels
 from activeloc.beliefs import plane_likelihood as likelihood
+from activeloc.beliefs import plane_motion as motion
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig, turn_taps
 from activeloc.beliefs.plane_belief import PlaneBelief
 from activeloc.beliefs.plane_layout import BLOCK, find_runs
@@ -215,7 +216,7 @@ def act(bel, rows):
     """One action on the door: row x holds p(open' | x), p(closed' | x)."""
     values, runs, flags = plane(bel)
     out, out_runs, _ = plane([0.0, 0.0])
-    n, total = kernels.translate(
+    n, total = motion.translate(
         values, runs, 1, BLOCK, 0, np.empty(0), 0, 2,
         np.zeros(2, np.int64), np.zeros(0, np.int32), np.zeros(0),
         np.array([[0, 0, 0, 1]], np.int32), np.zeros(BLOCK, np.uint8), np.array([0, 4]),
@@ -285,7 +286,7 @@ def test_rotation_keeps_mass_and_matches_its_definition():
         n = find_runs(bel.ravel(), flags, size, runs)
         n_out = find_runs(out.ravel(), flags, size, everything)
         assert (n, n_out) == (4, 10)
-        n_out = kernels.rotate(
+        n_out = motion.rotate(
             bel.ravel(), runs, n, size, first, taps, out.ravel(), everything, n_out, flags
         )
         np.testing.assert_allclose(out, expected, atol=1e-14)

@@ -14,7 +14,7 @@ from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig
 from activeloc.beliefs.past import REMEMBERED
 from activeloc.beliefs.plane_belief import PlaneBelief
 from activeloc.beliefs.scan_likelihood import PoweredTable, ScanLikelihood
-from activeloc.beliefs.view import view_shares
+from activeloc.beliefs.view import view_frame
 from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import MotionModel, MotionNoise, wrap
@@ -59,16 +59,32 @@ def weighed(belief, scan_likelihood, p):
     return bel.by_cell, total, shift
 
 
-def summed(p, shares, shape):
-    """``(places, headings)``; a belief ``(C, K)`` in coarser bins, from shares of its states."""
-    place, place_share, heading, heading_share = shares
-    by_heading = np.zeros((len(p), shape[1]))
-    for k, q in product(range(p.shape[1]), range(heading.shape[1])):
-        by_heading[:, heading[k, q]] += p[:, k] * heading_share[k, q]
-    out = np.zeros(shape)
-    for i in range(place.shape[1]):
-        np.add.at(out, place[:, i], place_share[:, i, None] * by_heading)
-    return out
+def parts_of(starts, width, n, size):
+    """``(n, N)``; how much of each stretch lies in each bin, of which the outermost have no end."""
+    edges = np.r_[-np.inf, np.arange(1, n) * size, np.inf]
+    low, high = np.maximum(edges[:-1, None], starts), np.minimum(edges[1:, None], starts + width)
+    return np.maximum(high - low, 0.0) / width
+
+
+def turns_of(starts, width, n):
+    """The same around the circle, in n bins from -pi."""
+    edges = -pi + np.arange(n + 1) * 2.0 * pi / n
+    parts = np.zeros((n, len(starts)))
+    for turn in (-2.0 * pi, 0.0, 2.0 * pi):
+        low = np.maximum(edges[:-1, None], starts + turn)
+        high = np.minimum(edges[1:, None], starts + turn + width)
+        parts += np.maximum(high - low, 0.0) / width
+    return parts
+
+
+def summed(p, poses, corner, size, shape, headings):
+    """``(places, headings)``; a belief ``(C, K)`` in coarser bins from a corner on."""
+    start = poses.cells * poses.cell_size + np.array(poses.terrain.grid.origin[::-1]) - corner[::-1]
+    rows = parts_of(start[:, 0], poses.cell_size, shape[0], size)
+    cols = parts_of(start[:, 1], poses.cell_size, shape[1], size)
+    turns = turns_of(poses.thetas - 0.5 * poses.bin_width, poses.bin_width, headings)
+    masses = np.einsum("yc,xc,ck,hk->yxh", rows, cols, p, turns, optimize=True)
+    return masses.reshape(-1, headings)
 
 
 def walk(grid, steps, seed, kidnap=-1):
@@ -403,9 +419,8 @@ def test_only_the_last_steps_are_remembered_and_none_once_the_belief_is_laid_out
 def test_every_answer_counts_what_is_elsewhere(flat, w):
     belief = near(belief_on(flat), flat, w=w)
     p, poses = belief.probabilities(0), belief.poses(0)
-    bins, places = belief.bins(0), belief.bins(0).shape[0] * belief.bins(0).shape[1]
-    shares = *bins.places_of(poses), *bins.headings_of(poses)
-    masses = summed(p, shares, (places, bins.n_headings))
+    bins = belief.bins(0)
+    masses = summed(p, poses, bins.origin, bins.size, bins.shape, bins.n_headings)
     assert p.sum() == pytest.approx(1.0, abs=1e-12)
     for _ in range(2):  # Its workspace is left as it was found.
         summary = belief.summarise(0)
@@ -417,7 +432,8 @@ def test_every_answer_counts_what_is_elsewhere(flat, w):
         expected = p[np.ix_(offset, turn)].sum()
         assert belief.mass_near(0, pose) == pytest.approx(expected, abs=1e-9)
     assert summary.mass == pytest.approx(belief.mass_near(0, summary.estimate), abs=1e-12)
-    out = summed(p, view_shares(poses, 12, 6, 8), (6 * 8, 12))
+    left, bottom, pixel = view_frame(poses.terrain.grid, 6, 8)
+    out = summed(p, poses, np.array([left, bottom]), pixel, (6, 8), 12)
     view = belief.view(0, 12, 6, 8)
     np.testing.assert_allclose(view, out.T.reshape(12, 6, 8), atol=1e-8)
     assert view.sum() == pytest.approx(1.0, abs=1e-6)
