@@ -102,4 +102,5 @@ def test_amcl_localizes_on_what_it_is_given():
     scan = cast_scan(grid, pose, angles, 25.0)
     update = nav2.update_of(grid, pose, angles, scan, 500)
     for _ in range(4):
-        update()
+        estimate = update()
+    assert np.hypot(*(np.array(estimate[:2]) - pose[:2])) < 0.5

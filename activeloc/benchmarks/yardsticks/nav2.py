@@ -21,8 +21,8 @@ def update_of(
     bearings: NDArray[np.float64],
     scan: NDArray[np.float64],
     n: int,
-) -> Callable[[], object]:
-    """One whole update (motion, beam model, resampling) of a localized cloud.
+) -> Callable[[], tuple[float, float, float]]:
+    """One whole update (motion, beam model, resampling) of a localized cloud; it says its mean.
 
     Args:
         grid: The map.
@@ -48,8 +48,10 @@ def update_of(
     read = amcl.create_laser_scan_from_list(np.column_stack([scan, bearings]).tolist(), Z_MAX)
     places = [amcl.Vector3D(0.0, 0.0, 0.0), amcl.Vector3D(STEP, 0.0, 0.0)]
 
-    def update() -> None:
+    def update() -> tuple[float, float, float]:
         places.reverse()
         robot.update(read, places[0])
+        mean = robot.get_pose_mean()
+        return mean.x, mean.y, mean.theta
 
     return update
