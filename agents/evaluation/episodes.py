@@ -22,9 +22,6 @@ from activeloc.envs.localization import LocalizationEnv
 from activeloc.envs.recorder import Recorder
 from activeloc.envs.rendering import Recording
 
-LOST = 1e-3
-"""The truth is lost when less than this of the belief is near it."""
-
 Watch = Callable[[LocalizationEnv, int, dict[str, Any]], None]
 
 
@@ -153,7 +150,7 @@ class Player:
             played=played,
             entropy=tuple(float(value) for value in tally.entropy),
             start=(float(tally.start[0]), float(tally.start[1]), float(tally.start[2])),
-            truth_lost=self.core.probability_at_truth < LOST,
+            mass_at_truth=self.core.probability_at_truth,
             n_particles=fsum(n_particles) / len(n_particles) if n_particles else None,
             act_ms=1e3 * tally.act_s / played,
             step_ms=1e3 * tally.step_s / played,

@@ -18,6 +18,8 @@ from typing import Any
 from activeloc.errors import ConfigError
 
 FILE_NAME = ".episodes.jsonl"
+LOST = 1e-3
+"""A belief with less than this near the truth has lost it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +44,7 @@ class Record:
         played: Steps that were played, to the declaration or the limit.
         entropy: Fractions of the uniform belief's entropy: at the start, then after each step.
         start: True pose x [m], y [m], theta [rad] at the start; in a maze row, column, heading.
-        truth_lost: Whether less than 0.001 of the last belief lies near the truth.
+        mass_at_truth: How much of the last belief lies near the truth, as for a declaration.
         n_particles: Mean over the steps; None if the belief is not made of particles.
         act_ms: Mean duration of a decision [ms].
         step_ms: Mean duration of a step of the environment [ms].
@@ -72,7 +74,7 @@ class Record:
     played: int
     entropy: tuple[float, ...]
     start: tuple[float, float, float]
-    truth_lost: bool
+    mass_at_truth: float
     n_particles: float | None
     act_ms: float
     step_ms: float
@@ -87,6 +89,11 @@ class Record:
     def key(self) -> tuple[str, int]:
         """Agent and episode."""
         return self.agent, self.episode
+
+    @property
+    def truth_lost(self) -> bool:
+        """Whether next to nothing of the last belief lies near the truth."""
+        return self.mass_at_truth < LOST
 
     def curve(self, limit: int) -> list[float]:
         """:func:`scored_curve` of the episode."""

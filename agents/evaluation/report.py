@@ -178,7 +178,7 @@ class Report:
             **self._extras(),
             "baseline": next(iter(sweep.agents)),
             "differences": {n: _plain_estimates(d) for n, d in self.differences.items()},
-            "diagnostics": {n: _diagnostics(records) for n, records in self.by_agent.items()},
+            "diagnostics": {n: diagnostics(records) for n, records in self.by_agent.items()},
             "timing": {n: _timing(records) for n, records in self.by_agent.items()},
         }
 
@@ -228,11 +228,12 @@ def _plain_estimates(estimates: dict[str, Estimate]) -> dict[str, dict[str, floa
     }
 
 
-def _diagnostics(records: Sequence[Record]) -> dict[str, float | None]:
-    """Share of episodes in which the belief lost the truth, and particles on average."""
+def diagnostics(records: Sequence[Record]) -> dict[str, float | None]:
+    """Shares of episodes whose belief lost the truth, all but and wholly; mean particles."""
     counts = [r.n_particles for r in records if r.n_particles is not None]
     return {
         "truth_lost": float(np.mean([record.truth_lost for record in records])),
+        "truth_gone": float(np.mean([record.mass_at_truth == 0.0 for record in records])),
         "n_particles": float(np.mean(counts)) if counts else None,
     }
 

@@ -29,7 +29,7 @@ HUT = from_text(
 COARSE = {"kind": "histogram", "cell_size": 0.5, "headings": 12}
 RECORD = Record(agent="spin", map="hut", seed=3, episode=0, steps=5, success=False, wrong=False,
                 entropy_auc=0.5, final_entropy=1.0, error_m=2.0, error_rad=0.1, total_reward=0.0,
-                played=5, entropy=(1.0, 0.5), start=(1.0, 2.0, 3.0), truth_lost=False,
+                played=5, entropy=(1.0, 0.5), start=(1.0, 2.0, 3.0), mass_at_truth=0.5,
                 n_particles=None, act_ms=1.0, step_ms=1.0)  # fmt: skip
 KIDNAPPED = "activeloc/KidnappedRobot-v0"
 NAMES = ["kidnapped", "notice_steps", "recover_steps", "false_alarm"]

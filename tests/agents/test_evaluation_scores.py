@@ -9,6 +9,7 @@ import pytest
 
 from activeloc.agents.evaluation import Record, penalised_area
 from activeloc.agents.evaluation.records import RecordFile, read_records
+from activeloc.agents.evaluation.report import diagnostics
 from activeloc.agents.evaluation.statistics import columns_of, differences, estimates
 from activeloc.errors import ConfigError
 
@@ -28,7 +29,7 @@ RECORD = Record(
     played=5,
     entropy=(0.9, 0.8, 0.7, 0.6, 0.5, 0.4),
     start=(1.0, 2.0, 3.0),
-    truth_lost=False,
+    mass_at_truth=0.5,
     n_particles=None,
     act_ms=0.1,
     step_ms=0.2,
@@ -76,6 +77,13 @@ def test_scores_are_the_plain_statistics():
             "error_rad": 0.1,
         }
     )
+
+
+def test_a_truth_is_lost_below_a_thousandth_and_gone_at_nothing():
+    records = [record(mass_at_truth=mass) for mass in (0.5, 1e-3, 9e-4, 0.0)]
+    assert [r.truth_lost for r in records] == [False, False, True, True]
+    found = diagnostics(records)
+    assert (found["truth_lost"], found["truth_gone"], found["n_particles"]) == (0.5, 0.25, None)
 
 
 def test_no_declaration_no_share_of_wrong_ones():

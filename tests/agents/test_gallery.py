@@ -27,7 +27,7 @@ def record(agent="spin", episode=0, area=0.5, steps=9):
     return Record(
         agent=agent, map="hut", seed=0, episode=episode, steps=steps, success=True, wrong=False,
         entropy_auc=area, final_entropy=1.0, error_m=0.1, error_rad=0.1, total_reward=0.0,
-        played=9, entropy=(1.0,) * 10, start=(0.0, 0.0, 0.0), truth_lost=False, n_particles=None,
+        played=9, entropy=(1.0,) * 10, start=(0.0, 0.0, 0.0), mass_at_truth=0.5, n_particles=None,
         act_ms=0.1, step_ms=0.1,
     )  # fmt: skip
 
