@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,11 +131,13 @@ class Simulator:
             raise MapError(f"robot {robot} has not been placed on a map")
         return grid
 
-    def _by_map(self, robots: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-        """Places in ``robots`` ``(n,)``, those on one map together."""
+    def _by_map(self, robots: NDArray[np.intp]) -> list[Any]:
+        """Places in ``robots`` ``(n,)``, those on one map together; each as an index."""
         maps: dict[int, list[int]] = {}
         for i, robot in enumerate(robots.tolist()):
             maps.setdefault(id(self._grid(robot)), []).append(i)
+        if len(maps) == 1:
+            return [slice(None)]
         return [np.array(places) for places in maps.values()]
 
     def _redrawn(
@@ -147,11 +150,14 @@ class Simulator:
             uniforms: ``(n, m, 4)``.
         """
         m = uniforms.shape[1]
+        if self.redraw is None:
+            poses = np.empty((len(robots), m, 3))
+            poses[:] = self.poses[robots][:, None]
+            return poses
+        grid = self._grid(int(robots[0]))
+        states = _pose_grid(grid, self.motion.radius, *self.redraw)
         poses = np.repeat(self.poses[robots], m, axis=0)
-        if self.redraw is not None:
-            grid = self._grid(int(robots[0]))
-            states = _pose_grid(grid, self.motion.radius, *self.redraw)
-            poses = states.sample_in(*states.states_of(poses), uniforms.reshape(-1, 4))
+        poses = states.sample_in(*states.states_of(poses), uniforms.reshape(-1, 4))
         return poses.reshape(len(robots), m, 3)
 
     def step(
@@ -177,6 +183,7 @@ class Simulator:
             The odometries' readings ``(n, 3)``.
         """
         n, blundering = len(robots), self.motion.blunder > 0.0
+        commands = np.ascontiguousarray(commands, dtype=np.float64)
         normals, uniforms, blunders = np.empty((n, 2, 3)), np.empty((n, 1, 4)), np.empty((n, 5))
         for i, rng in enumerate(rngs):
             rng.standard_normal(out=normals[i])
@@ -187,10 +194,9 @@ class Simulator:
         for at in self._by_map(robots):
             here = robots[at]
             start = self._redrawn(here, uniforms[at])[:, 0]
-            terrain = self.terrain(int(here[0]))
-            reached, done = self.motion.execute(terrain, start, commands[at], normals[at, 0])
-            self.poses[here] = reached
-            u[at] = self.motion.read_odometry(done, normals[at, 1])
+            self.poses[here], u[at] = self.motion.execute_and_read(
+                self.terrain(int(here[0])), start, commands[at], normals[at]
+            )
         return self.motion.misread(u, commands, blunders) if blundering else u
 
     def scan(self, robot: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -211,7 +217,8 @@ class Simulator:
             if self.people > 0.0:
                 rng.random(out=people[i])
         for at in self._by_map(robots):
-            here, grid = robots[at], self._grid(int(robots[at[0]]))
+            here = robots[at]
+            grid = self._grid(int(here[0]))
             rays = self._redrawn(here, redraw[at])
             rays[..., 2] += bearings
             readings[at] = self.sensor.read(grid, rays, uniforms[at])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import gymnasium as gym
@@ -11,6 +12,15 @@ from numpy.typing import NDArray
 
 from activeloc import checks
 from activeloc.errors import ActionError
+
+
+@lru_cache(maxsize=64)
+def _table(turn: float, forward: float, stay: bool) -> NDArray[np.float64]:
+    """``(A, 3)``; not to be written into, for it is kept."""
+    table = [[turn, 0.0, 0.0], [-turn, 0.0, 0.0], [0.0, forward, 0.0]]
+    result = np.array([*table, [0.0, 0.0, 0.0]] if stay else table)
+    result.flags.writeable = False
+    return result
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +60,7 @@ class Actions:
     @property
     def commands(self) -> NDArray[np.float64]:
         """``(A, 3)``; the command of each discrete action: rotation, translation, rotation."""
-        table = [[self.turn, 0.0, 0.0], [-self.turn, 0.0, 0.0], [0.0, self.forward, 0.0]]
-        return np.array([*table, [0.0, 0.0, 0.0]] if self.stay else table)
+        return _table(self.turn, self.forward, self.stay).copy()
 
     def command(self, action: object) -> NDArray[np.float64]:
         """The command ``(3,)`` that an action stands for.
@@ -61,10 +70,15 @@ class Actions:
         """
         if self.kind == "continuous":
             return self._continuous(action)
-        given, n = _as_array(action), len(self.commands)
-        if given.dtype.kind not in "iu" or given.ndim != 0 or not 0 <= int(given) < n:
-            raise ActionError(f"action must be an integer in [0, {n - 1}]; got {action!r}")
-        return self.commands[int(given)]
+        table = _table(self.turn, self.forward, self.stay)
+        if type(action) is int or isinstance(action, np.integer):
+            which = int(action)
+        else:
+            given = _as_array(action)
+            which = int(given) if given.dtype.kind in "iu" and given.ndim == 0 else -1
+        if not 0 <= which < len(table):
+            raise ActionError(f"action must be an integer in [0, {len(table) - 1}]; got {action!r}")
+        return table[which].copy()
 
     def words(self, action: object) -> str:
         """:func:`words_of` the command that an action stands for.

@@ -8,55 +8,27 @@ reward, observation.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activeloc.beliefs import Summary
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig
 from activeloc.beliefs.metric_view import MetricView
 from activeloc.beliefs.novelty import drop_novel
 from activeloc.beliefs.particles import ParticleBelief
-from activeloc.configuration import unknown
+from activeloc.envs.episode import Episode
 from activeloc.envs.episode_config import BELIEFS, SENSORS, WORLDS, EpisodeConfig
 from activeloc.envs.knowledge import Knowledge
 from activeloc.envs.observations import observe
-from activeloc.envs.tasks import Watch, carried, is_near, pose_error
+from activeloc.envs.starts import draw_kidnapping, draw_map
 from activeloc.errors import ActionError, ConfigError
 from activeloc.grid import OccupancyGrid
-from activeloc.maps import MapSource
 from activeloc.sharing import Pool
-from activeloc.simulator import Simulator, checked_pose
-
-RESET_OPTIONS = ("map", "grid", "pose", "kidnap_pose")
+from activeloc.simulator import Simulator
 
 __all__ = ["BELIEFS", "SENSORS", "WORLDS", "EpisodeConfig", "Episodes", "Knowledge"]
-
-
-@dataclass(slots=True)
-class _Episode:
-    """One robot's episode."""
-
-    rng: np.random.Generator
-    summary: Summary
-    scan: NDArray[np.float64]
-    kidnap_step: int
-    kidnap_pose: NDArray[np.float64]
-    watch: Watch
-    novelty_rng: np.random.Generator
-    u: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    touched: bool = False
-    step: int = 0
-    held: int = 0
-    kidnap_given: bool = False
-    impossible: int = 0
-    dropped: int = 0
-    over: bool = False
-    right: bool = False
-    wrong: bool = False
-    terms: dict[str, float] = field(default_factory=dict)
 
 
 class Episodes:
@@ -81,7 +53,7 @@ class Episodes:
         self.belief = self._make_belief()
         look = config.observation
         self.view = MetricView(self.belief, self.filter_sensor, look.radius) if look.view else None
-        self._episodes: list[_Episode | None] = [None] * n_robots
+        self._episodes: list[Episode | None] = [None] * n_robots
 
     def _redraw(self) -> tuple[float, int] | None:
         if self.config.world == "continuous":
@@ -99,7 +71,7 @@ class Episodes:
             return HistogramBelief(self.n_robots, belief, self.filter_sensor, self.filter_motion)
         return ParticleBelief(self.n_robots, belief, self.filter_sensor, self.filter_motion)
 
-    def episode(self, robot: int) -> _Episode:
+    def episode(self, robot: int) -> Episode:
         """A robot's episode.
 
         Raises:
@@ -154,57 +126,22 @@ class Episodes:
             ConfigError: If an option is unknown or not for this task.
             MapError: If the robot cannot be at one of the poses.
         """
-        options = options or {}
+        options, task = options or {}, self.config.task
         world, filter_rng = rng.spawn(2)
-        grid, pose = self._start(world, options)
-        self.simulator.place(robot, grid, world, pose)
+        grid = draw_map(self.config.map, task, world, options)
+        self.simulator.place(robot, grid, world, options.get("pose"))
         truth = self.simulator.poses[robot].copy()
-        task = self.config.task
         offset = world.standard_normal(3) * [task.sigma_xy, task.sigma_xy, task.sigma_theta]
-        kidnap_step = task.kidnap_step(world)
-        terrain = self.simulator.terrain(robot)
-        kidnap_pose = terrain.uniform_poses(world.random((1, 4)))[0]
-        given = options.get("kidnap_pose")
-        if given is not None:
-            kidnap_pose = checked_pose(terrain, given, "kidnap_pose")
+        step, pose, given = draw_kidnapping(self.simulator, robot, task, world, options)
         self._start_belief(robot, grid, filter_rng, truth + offset)
         scan = self.simulator.scan(robot, world)
         novelty_rng = filter_rng.spawn(1)[0]
         impossible, dropped = self._correct(robot, scan, novelty_rng)
-        episode = _Episode(
-            world,
-            self.belief.summarise(robot),
-            scan,
-            kidnap_step,
-            kidnap_pose,
-            Watch(task),
-            novelty_rng,
-            kidnap_given=given is not None,
-            impossible=impossible,
-            dropped=dropped,
-        )
+        summary = self.belief.summarise(robot)
+        episode = Episode(task, world, novelty_rng, summary, scan, step, pose, given)
+        episode.impossible, episode.dropped = impossible, dropped
+        episode.begin(truth)
         self._episodes[robot] = episode
-        self._watch(robot, episode, episode.summary.estimate)
-
-    def _start(
-        self, world: np.random.Generator, options: Mapping[str, Any]
-    ) -> tuple[OccupancyGrid, NDArray[np.float64] | None]:
-        for name in options:
-            if name not in RESET_OPTIONS:
-                raise unknown("reset options", name, RESET_OPTIONS)
-        if options.get("kidnap_pose") is not None and self.config.task.kind != "kidnapped":
-            raise ConfigError(
-                "reset options: kidnap_pose is for a kidnapped robot; the task is "
-                f"{self.config.task.kind!r}"
-            )
-        grid = self.config.map.draw(world) if "map" not in options else None
-        if "map" in options:
-            grid = MapSource.parse(options["map"]).draw(world)
-        if options.get("grid") is not None:
-            grid = options["grid"]
-        if not isinstance(grid, OccupancyGrid):
-            raise ConfigError(f"reset options: grid must be an OccupancyGrid; got {type(grid)}")
-        return grid, options.get("pose")
 
     def _start_belief(
         self,
@@ -231,14 +168,13 @@ class Episodes:
         Raises:
             ActionError: If the action is not in the space or the episode is over; nothing changes.
         """
-        command = self._command(robot, action)
-        self._step(np.array([robot]), command[None])
+        self._demand_going(robot)
+        self._step(np.array([robot]), self.config.actions.command(action)[None])
 
-    def _command(self, robot: int, action: object) -> NDArray[np.float64]:
-        """The command ``(3,)`` that an action stands for, if the robot may act."""
+    def _demand_going(self, robot: int) -> None:
+        """Refuse to go on with an episode that has not begun, or is over."""
         if self.episode(robot).over:
             raise ActionError("step() after the episode has ended: call reset()")
-        return self.config.actions.command(action)
 
     def _step(self, robots: NDArray[np.intp], commands: NDArray[np.float64]) -> None:
         """Play one step of some episodes: the robots all at once, then each belief.
@@ -250,12 +186,12 @@ class Episodes:
         episodes = [self.episode(robot) for robot in robots.tolist()]
         rngs = [episode.rng for episode in episodes]
         u = self.simulator.step_some(robots, commands, rngs)
-        for robot, episode, command, reading in zip(
-            robots.tolist(), episodes, commands, u, strict=True
+        touched = self.filter_motion.touched(commands, u).tolist()
+        for robot, episode, reading, stopped in zip(
+            robots.tolist(), episodes, u, touched, strict=True
         ):
             episode.step += 1
-            episode.u = reading
-            episode.touched = bool(self.filter_motion.touched(command, reading))
+            episode.u, episode.touched = reading, stopped
             if episode.step == episode.kidnap_step:
                 self._kidnap(robot, episode)
         for episode, scan in zip(episodes, self.simulator.scan_some(robots, rngs), strict=True):
@@ -265,17 +201,12 @@ class Episodes:
     def _follow(self, robot: int) -> None:
         """Predict and correct a robot's belief, and judge it."""
         episode = self.episode(robot)
-        before, last = self.entropy_fraction(robot), episode.summary.estimate
         self.belief.predict(robot, episode.u, episode.touched)
         impossible, dropped = self._correct(robot, episode.scan, episode.novelty_rng)
         episode.impossible += impossible
         episode.dropped += dropped
-        episode.summary = self.belief.summarise(robot)
-        self._watch(robot, episode, carried(last, episode.u))
-        self._declare(robot, episode)
-        episode.terms = self.config.reward.terms(
-            before, self.entropy_fraction(robot), episode.right, episode.wrong
-        )
+        summary = self.belief.summarise(robot)
+        episode.judge(summary, self.config.reward, self.simulator.poses[robot])
 
     def _correct(
         self, robot: int, scan: NDArray[np.float64], rng: np.random.Generator
@@ -285,13 +216,13 @@ class Episodes:
         Returns:
             Scans that were impossible, 0 or 1, and beams left out.
         """
-        used, novelty = scan, self.config.belief.novelty
+        used, novelty, dropped = scan, self.config.belief.novelty, 0
         if novelty > 0.0:
             used = drop_novel(self.belief, robot, self.filter_sensor, scan, novelty, rng)
-        dropped = int((np.isnan(used) & ~np.isnan(scan)).sum())
+            dropped = int((np.isnan(used) & ~np.isnan(scan)).sum())
         return int(self.belief.correct(robot, used) == -np.inf), dropped
 
-    def _kidnap(self, robot: int, episode: _Episode) -> None:
+    def _kidnap(self, robot: int, episode: Episode) -> None:
         """Carry a robot off."""
         place = episode.kidnap_pose
         if not episode.kidnap_given:
@@ -300,28 +231,9 @@ class Episodes:
         self.simulator.poses[robot] = place
         episode.watch.kidnapped_at = episode.step
 
-    def _watch(self, robot: int, episode: _Episode, reckoned: NDArray[np.float64]) -> None:
-        """Take note of what a kidnapped robot believes; ``reckoned`` is by dead reckoning."""
-        if self.config.task.kind == "kidnapped":
-            summary = episode.summary
-            near = is_near(*pose_error(summary.estimate, self.simulator.poses[robot]))
-            jump = pose_error(summary.estimate, reckoned)
-            episode.watch.see(episode.step, summary.mass, near, jump)
-
-    def _declare(self, robot: int, episode: _Episode) -> None:
-        """End the episode when the belief has been sure for long enough."""
-        task = self.config.task
-        sure = episode.summary.mass >= task.confidence
-        armed = task.kind != "kidnapped" or episode.watch.noticed
-        episode.held = episode.held + 1 if sure and armed else 0
-        if task.declares and episode.held >= task.hold:
-            near = is_near(*pose_error(episode.summary.estimate, self.simulator.poses[robot]))
-            episode.over, episode.right, episode.wrong = True, near, not near
-
     def entropy_fraction(self, robot: int) -> float:
         """Entropy of a robot's belief as a fraction of the uniform belief's."""
-        summary = self.episode(robot).summary
-        return summary.entropy / max(summary.uniform_entropy, 1e-9)
+        return self.episode(robot).entropy_fraction
 
     def terminated(self, robot: int) -> bool:
         """Whether a declaration has ended the episode."""
@@ -329,7 +241,7 @@ class Episodes:
 
     def reward(self, robot: int) -> float:
         """The last step's reward."""
-        return float(sum(self.episode(robot).terms.values()))
+        return self.episode(robot).reward
 
     def observation(self, robot: int) -> dict[str, NDArray[Any]]:
         """Of one robot: new arrays."""
@@ -361,33 +273,7 @@ class Episodes:
         (:mod:`activeloc.envs.tasks` defines the words): ``kidnapped``, ``noticed``,
         ``notice_steps`` and ``recover_steps`` since then (-1 for not), and ``false_alarm``.
         """
-        episode = self.episode(robot)
-        summary = episode.summary
-        error_m, error_rad = pose_error(summary.estimate, self.simulator.poses[robot])
-        right, wrong, watch = episode.right, episode.wrong, episode.watch
-        if self.config.task.judges_now(watch.kidnapped):
-            near = is_near(error_m, error_rad)
-            right = near and not watch.false_alarm
-            wrong = not near and summary.mass >= self.config.task.confidence
-        terms = episode.terms or dict.fromkeys(self.config.reward.terms(0, 0, False, False), 0.0)
-        return {
-            "entropy": summary.entropy,
-            "entropy_fraction": self.entropy_fraction(robot),
-            "mass": summary.mass,
-            "error_m": error_m,
-            "error_rad": error_rad,
-            "is_success": right,
-            "wrong": wrong,
-            "impossible": episode.impossible,
-            "dropped": episode.dropped,
-            "touched": episode.touched,
-            "kidnapped": watch.kidnapped,
-            "noticed": watch.noticed,
-            "notice_steps": watch.notice_steps,
-            "recover_steps": watch.recover_steps(episode.step, episode.right),
-            "false_alarm": watch.false_alarm,
-            **{f"reward_{name}": value for name, value in terms.items()},
-        }
+        return self.episode(robot).info(self.config.reward, self.simulator.poses[robot])
 
     # --- all robots at once
 
@@ -406,7 +292,7 @@ class Episodes:
             self.episode(int(robot))
 
     def checked_actions(self, actions: object) -> Any:
-        """Actions, one for each robot.
+        """The commands ``(B, 3)`` that actions, one for each robot, stand for.
 
         Raises:
             ActionError: If there are more or fewer, or one is not in the space.
@@ -417,11 +303,11 @@ class Episodes:
             array = np.array("ragged")
         if array.ndim == 0 or len(array) != self.n_robots:
             raise ActionError(f"actions must be {self.n_robots}, one a robot; got {actions!r}")
-        given = list(array)
-        for robot, action in enumerate(given):
+        commands = np.empty((self.n_robots, 3))
+        for robot, action in enumerate(array):
             self.episode(robot)
-            self.config.actions.command(action)
-        return given
+            commands[robot] = self.config.actions.command(action)
+        return commands
 
     def reset_some(
         self,
@@ -433,16 +319,20 @@ class Episodes:
         for robot, rng in zip(robots, rngs, strict=True):
             self.reset(int(robot), rng, options)
 
-    def step_all(self, actions: list[Any], active: NDArray[np.bool_]) -> None:
+    def step_all(self, commands: NDArray[np.float64], active: NDArray[np.bool_]) -> None:
         """Play one step of many episodes.
 
         Args:
-            actions: Of all robots; checked.
+            commands: ``(B, 3)``; of all robots.
             active: ``(B,)``; the others are left alone.
+
+        Raises:
+            ActionError: If an active robot's episode is over; nothing changes.
         """
         robots = np.flatnonzero(active)
-        commands = [self._command(robot, actions[robot]) for robot in robots.tolist()]
-        self._step(robots, np.array(commands))
+        for robot in robots.tolist():
+            self._demand_going(robot)
+        self._step(robots, commands[robots])
 
     def rewards(self) -> NDArray[np.float64]:
         """Of each robot's last step ``(B,)``."""

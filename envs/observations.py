@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from activeloc import checks
 from activeloc.beliefs import Belief, Summary
 from activeloc.beliefs.metric_view import PLACE, PLANES, WAYS, MetricView
-from activeloc.beliefs.view import map_view
+from activeloc.beliefs.view import map_view, show
 
 SCALARS = ("entropy", "mass", "touched", "turned", "travelled")
 
@@ -109,23 +109,24 @@ def observe(
     maps = np.empty((n, *shape), dtype=np.float32)
     for i, robot in enumerate(robots.tolist()):
         p = belief.view(robot, config.headings, *shape)
-        np.sqrt(np.clip(p / p.max(), 0.0, 1.0), out=beliefs[i], casting="same_kind")
+        show(p.reshape(-1), float(p.max()), beliefs[i].reshape(-1))
         maps[i] = map_view(belief.terrain(robot).grid, *shape)
     seen = np.where(np.isnan(scans), -1.0, np.minimum(scans, z_max) / z_max)
-    scalars = np.empty((n, len(SCALARS)))
-    for i, summary in enumerate(summaries):
-        scalars[i, 0] = summary.entropy / max(summary.uniform_entropy, 1e-9)
-        scalars[i, 1] = summary.mass
-    scalars[:, 2] = touched
-    scalars[:, 3] = (u[:, 0] + u[:, 2]) / np.pi
-    scalars[:, 4] = u[:, 1]
+    rows = zip(summaries, touched.tolist(), u.tolist(), strict=True)
     result: dict[str, NDArray[Any]] = {
         "belief": beliefs,
         "map": maps,
         "scan": seen.astype(np.float32),
-        "scalars": np.clip(scalars, -1.0, 1.0).astype(np.float32),
+        "scalars": np.array([_scalars(*row) for row in rows], dtype=np.float32),
     }
     if view is not None:
         drawn = [view.draw(robot) for robot in robots.tolist()]
         result |= {name: np.stack([one[name] for one in drawn]) for name in drawn[0]}
     return result
+
+
+def _scalars(summary: Summary, touched: bool, u: list[float]) -> list[float]:
+    """One robot's ``SCALARS``, each cut to [-1, 1]."""
+    share = summary.entropy / max(summary.uniform_entropy, 1e-9)
+    given = (share, summary.mass, float(touched), (u[0] + u[2]) / np.pi, u[1])
+    return [min(max(value, -1.0), 1.0) for value in given]

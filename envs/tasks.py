@@ -25,6 +25,7 @@ false alarm on the way.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import cos, hypot, pi, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,7 @@ from numpy.typing import NDArray
 from activeloc import checks
 from activeloc.beliefs import NEAR_ANGLE, NEAR_RADIUS
 from activeloc.errors import ConfigError
-from activeloc.motion import Terrain, wrap
+from activeloc.motion import Terrain
 
 KINDS = ("global", "kidnapped", "tracking")
 KIDNAPS = ("never", "range", "rate")
@@ -223,19 +224,27 @@ class Watch:
 
 def distance(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
     """Between two poses ``(3,)`` [m]."""
-    return float(np.hypot(*(one[:2] - other[:2])))
+    return hypot(one[0] - other[0], one[1] - other[1])
 
 
 def pose_error(estimate: NDArray[np.float64], truth: NDArray[np.float64]) -> tuple[float, float]:
     """Distance [m] and angle [rad] between two poses ``(3,)``."""
-    return distance(estimate, truth), float(abs(wrap(estimate[2] - truth[2])))
+    return distance(estimate, truth), abs(_wrapped(float(estimate[2] - truth[2])))
 
 
 def carried(pose: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
     """Where the odometry's reading ``(3,)`` takes a pose ``(3,)``."""
-    heading = pose[2] + u[0]
-    step = u[1] * np.array([np.cos(heading), np.sin(heading)])
-    return np.append(pose[:2] + step, wrap(heading + u[2]))
+    x, y, theta = pose.tolist()
+    rot1, trans, rot2 = u.tolist()
+    heading = theta + rot1
+    step = trans * cos(heading), trans * sin(heading)
+    return np.array([x + step[0], y + step[1], _wrapped(heading + rot2)])
+
+
+def _wrapped(angle: float) -> float:
+    """:func:`activeloc.motion.wrap` of one number."""
+    result = (angle + pi) % (2.0 * pi) - pi
+    return -pi if result >= pi else result
 
 
 def is_near(error_m: float, error_rad: float) -> bool:

@@ -413,3 +413,16 @@ def test_a_wrong_reading_stands_for_ways_around_it():
     np.testing.assert_allclose(slipped(u, 0.75, 0.25), [0.3 + quarter / 2, -0.2])
     np.testing.assert_allclose(slipped(np.array([0.0, 0.1, 0.0]), 0.5, 1.0), [0.0, 0.5])
     assert slipped(np.array([0.0, 0.0, 0.0]), 0.5, 1.0)[1] == 0.0
+
+
+def test_one_call_carries_a_command_out_and_reads_the_odometry():
+    """To the bit what the two calls make, walls in the way or not."""
+    rng, terrain = np.random.default_rng(4), hall(12, 17)
+    model = MotionModel(MotionNoise(0.1, 0.2, 0.3, 0.05), MotionNoise(0.2, 0.1, 0.1, 0.02))
+    poses = rng.uniform([0.0, 0.0, -pi], [17.0, 12.0, pi], (300, 3))
+    commands, normals = rng.uniform(-3.0, 3.0, (300, 3)), rng.standard_normal((300, 2, 3))
+    reached, done = model.execute(terrain, poses, commands, normals[:, 0])
+    assert (np.abs(done[:, 1]) < 0.5 * np.abs(commands[:, 1])).sum() > 20
+    both = model.execute_and_read(terrain, poses, commands, normals)
+    np.testing.assert_array_equal(both[0], reached)
+    np.testing.assert_array_equal(both[1], model.read_odometry(done, normals[:, 1]))

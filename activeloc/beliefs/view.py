@@ -9,6 +9,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from activeloc.grid import OccupancyGrid
@@ -41,3 +42,17 @@ def map_view(grid: OccupancyGrid, rows: int, cols: int) -> NDArray[np.float32]:
     result = np.minimum(free, 1.0).reshape(rows, cols).astype(np.float32)
     result.flags.writeable = False
     return result
+
+
+@njit(cache=True, nogil=True)
+def show(p: NDArray[np.float64], largest: float, out: NDArray[np.float32]) -> None:
+    """Fill ``out (N,)`` with sqrt(p / max p), so that a network sees what is unlikely too.
+
+    Args:
+        p: ``(N,)``, not negative.
+        largest: Of them; positive.
+        out: Overwritten.
+    """
+    for i in range(p.shape[0]):
+        # A belief is nought in most pixels, and a root is dear.
+        out[i] = np.sqrt(p[i] / largest) if p[i] > 0.0 else 0.0

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from activeloc.motion.noise import fill_sigmas
 from activeloc.motion.terrain import Terrain
 from activeloc.raycast import cast_ray
 
@@ -71,6 +72,43 @@ def drive(
         reached[i, 2] = -np.pi if theta >= np.pi else theta
         carried_out[i, 0], carried_out[i, 2] = motions[i, 0], motions[i, 2]
         carried_out[i, 1] = sign * length * resolution
+
+
+@njit(cache=True, nogil=True)
+def drive_and_read(
+    squares: NDArray[np.uint8],
+    frame: NDArray[np.float64],
+    poses: NDArray[np.float64],
+    commands: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    actuation: tuple[float, float, float, float],
+    odometry: tuple[float, float, float, float],
+    reached: NDArray[np.float64],
+    read: NDArray[np.float64],
+) -> None:
+    """:func:`drive` as commands say, with the actuation's noise, and read the odometry.
+
+    Args:
+        squares: See :func:`free_way`.
+        frame: x and y of the map's corner, and its resolution [m].
+        poses: ``(N, 3)``.
+        commands: ``(N, 3)``.
+        normals: ``(N, 2, 3)`` of standard normal numbers: of the actuation, of the odometry.
+        actuation: The four coefficients of its noise.
+        odometry: Likewise.
+        reached: ``(N, 3)``, overwritten.
+        read: ``(N, 3)``, overwritten with the odometry's readings.
+    """
+    wanted, done = np.empty_like(commands), np.empty_like(commands)
+    fill_sigmas(commands, actuation[0], actuation[1], actuation[2], actuation[3], wanted)
+    for i in range(commands.shape[0]):
+        for j in range(3):
+            wanted[i, j] = commands[i, j] + normals[i, 0, j] * wanted[i, j]
+    drive(squares, frame, poses, wanted, reached, done)
+    fill_sigmas(done, odometry[0], odometry[1], odometry[2], odometry[3], read)
+    for i in range(commands.shape[0]):
+        for j in range(3):
+            read[i, j] = done[i, j] + normals[i, 1, j] * read[i, j]
 
 
 def move(

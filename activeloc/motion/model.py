@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from activeloc import checks
 from activeloc.errors import ConfigError
-from activeloc.motion.driving import move
+from activeloc.motion.driving import drive_and_read, move
 from activeloc.motion.noise import MotionNoise
 from activeloc.motion.terrain import Terrain
 
@@ -105,6 +105,31 @@ class MotionModel:
         result: NDArray[np.float64] = carried_out + normals * self.odometry.sigma(carried_out)
         return result
 
+    def execute_and_read(
+        self,
+        terrain: Terrain,
+        poses: NDArray[np.float64],
+        commands: NDArray[np.float64],
+        normals: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """:meth:`execute`, then :meth:`read_odometry`, in one call.
+
+        Args:
+            terrain: Where the robot can be.
+            poses: ``(N, 3)``.
+            commands: ``(N, 3)``.
+            normals: ``(N, 2, 3)`` of standard normal numbers: of the motion, of the odometry.
+
+        Returns:
+            Poses reached and the odometry's readings, ``(N, 3)`` each.
+        """
+        reached, read = np.empty_like(poses), np.empty_like(poses)
+        drive_and_read(
+            terrain.squares, terrain.frame, poses, commands, normals,
+            self.actuation.coefficients, self.odometry.coefficients, reached, read,
+        )  # fmt: skip
+        return reached, read
+
     def misread(
         self,
         u: NDArray[np.float64],
@@ -162,5 +187,5 @@ class MotionModel:
         True when the odometry read less than ``contact_ratio`` of the commanded translation.
         """
         wanted, read = np.abs(command[..., 1]), np.abs(u[..., 1])
-        result: NDArray[np.bool_] = (wanted > 0.0) & (read < self.contact_ratio * wanted)
+        result: NDArray[np.bool_] = read < self.contact_ratio * wanted  # Never where it is 0.
         return result

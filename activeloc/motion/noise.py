@@ -59,12 +59,19 @@ class MotionNoise:
         for item in fields(self):
             checks.number(f"{type(self).__name__}.{item.name}", getattr(self, item.name), 0.0, 10.0)
 
+    @property
+    def coefficients(self) -> tuple[float, float, float, float]:
+        """The four, in the order above."""
+        return (
+            float(self.rotation_from_rotation),
+            float(self.rotation_from_translation),
+            float(self.translation_from_translation),
+            float(self.translation_from_rotation),
+        )
+
     def sigma(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Standard deviations of the three parts of motions ``(..., 3)``: an array like ``u``."""
         u = np.ascontiguousarray(u, dtype=np.float64)
         out = np.empty_like(u)
-        fill_sigmas(
-            u.reshape(-1, 3), self.rotation_from_rotation, self.rotation_from_translation,
-            self.translation_from_translation, self.translation_from_rotation, out.reshape(-1, 3),
-        )  # fmt: skip
+        fill_sigmas(u.reshape(-1, 3), *self.coefficients, out.reshape(-1, 3))
         return out

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import erfc, expm1, log1p, sqrt
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr, ndtri
 
@@ -24,6 +26,70 @@ def check_beams(owner: str, beams: object, field_of_view: object, z_max: object)
     checks.integer(f"{owner}.beams", beams, 1, 4096)
     checks.number(f"{owner}.field_of_view", field_of_view, 0.0, 2.0 * np.pi + 1e-9)
     checks.number(f"{owner}.z_max", z_max, 0.0, 1e4, above_low=True)
+
+
+@njit(cache=True, nogil=True)
+def _aim(
+    z_expected: NDArray[np.float64],
+    uniforms: NDArray[np.float64],
+    z_max: float,
+    sigma: float,
+    out: NDArray[np.float64],
+) -> None:
+    """Fill ``out (N,)`` with the probability that the normal distribution is below a hit's error.
+
+    Args:
+        z_expected: ``(N,)`` [m].
+        uniforms: ``(N, 2)``; of the second: where between 0 and ``z_max`` the hit is.
+        z_max: [m].
+        sigma: [m].
+        out: Overwritten.
+    """
+    for i in range(z_expected.shape[0]):
+        expected = min(z_expected[i], z_max)
+        low = 0.5 * erfc(expected / sigma / sqrt(2.0))
+        high = 0.5 * erfc((expected - z_max) / sigma / sqrt(2.0))
+        out[i] = min(max(low + uniforms[i, 1] * (high - low), 1e-300), 1.0 - 1e-16)
+
+
+@njit(cache=True, nogil=True)
+def _draw(
+    z_expected: NDArray[np.float64],
+    uniforms: NDArray[np.float64],
+    errors: NDArray[np.float64],
+    z_max: float,
+    rate: float,
+    weights: tuple[float, float, float],
+    out: NDArray[np.float64],
+) -> None:
+    """Fill ``out (N,)`` with readings.
+
+    Args:
+        z_expected: ``(N,)`` [m].
+        uniforms: ``(N, 2)``; which part of the mixture, where in it.
+        errors: ``(N,)``; of a hit [m].
+        z_max: [m].
+        rate: Of early hits [1/m].
+        weights: Of a hit, an early hit and a missed echo.
+        out: Overwritten.
+    """
+    longest = np.nextafter(z_max, 0.0)
+    for i in range(z_expected.shape[0]):
+        expected, part, u = min(z_expected[i], z_max), uniforms[i, 0], uniforms[i, 1]
+        short = weights[1] if expected > 0.0 else 0.0
+        hit, missed = weights[0] + weights[1] - short, weights[2]
+        if expected >= z_max:
+            hit, missed = 0.0, weights[2] + weights[0]
+        if part < hit:
+            z = expected + errors[i]
+        elif part < hit + short:
+            z = -log1p(u * expm1(-rate * expected)) / rate
+        elif part < hit + short + missed:
+            out[i] = z_max
+            continue
+        else:
+            z = u * z_max
+        out[i] = min(max(z, 0.0), longest)
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,21 +226,17 @@ class BeamModel:
         Returns:
             ``(...)`` in [0, z_max] [m].
         """
-        z_expected = np.minimum(np.asarray(z_expected, dtype=np.float64), self.z_max)
-        part, u = uniforms[..., 0], uniforms[..., 1]
-        w_hit, w_short, w_max = self._weights(z_expected)
-        low = ndtr(-z_expected / self.sigma_hit)
-        high = ndtr((self.z_max - z_expected) / self.sigma_hit)
-        hit = z_expected + self.sigma_hit * ndtri(
-            np.clip(low + u * (high - low), 1e-300, 1 - 1e-16)
-        )
-        short = -np.log1p(u * np.expm1(-self.lambda_short * z_expected)) / self.lambda_short
-        z = np.where(part < w_hit, hit, np.where(part < w_hit + w_short, short, u * self.z_max))
-        missed = (part >= w_hit + w_short) & (part < w_hit + w_short + w_max)
-        result: NDArray[np.float64] = np.where(
-            missed, self.z_max, np.clip(z, 0.0, np.nextafter(self.z_max, 0.0))
-        )
-        return result
+        expected = np.ascontiguousarray(z_expected, dtype=np.float64).reshape(-1)
+        uniforms = np.ascontiguousarray(uniforms, dtype=np.float64)
+        flat = uniforms.reshape(-1, 2)
+        out = np.empty(uniforms.shape[:-1])
+        errors = np.empty(len(expected))
+        _aim(expected, flat, self.z_max, self.sigma_hit, errors)
+        ndtri(errors, out=errors)
+        errors *= self.sigma_hit
+        weights = self.w_hit, self.w_short, self.w_max
+        _draw(expected, flat, errors, self.z_max, self.lambda_short, weights, out.reshape(-1))
+        return out
 
     def read(
         self, grid: OccupancyGrid, rays: NDArray[np.float64], uniforms: NDArray[np.float64]

@@ -154,7 +154,8 @@ def nearest_range(
         cone: ``(R,)`` of directions about the axis [rad].
         z_max: Longest range reported [m].
     """
-    result: NDArray[np.float64] = cast_scan(grid, rays, cone, z_max).min(axis=-1)
+    ranges = cast_scan(grid, rays, cone, z_max)
+    result: NDArray[np.float64] = ranges[..., 0] if len(cone) == 1 else ranges.min(axis=-1)
     return result
 
 

@@ -6,7 +6,7 @@ from math import exp, pi, sqrt
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.stats import chisquare, kstest, norm
+from scipy.stats import chisquare, kstest, norm, truncnorm
 
 from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
@@ -173,3 +173,27 @@ def test_refuses_weights_that_are_no_mixture():
         ConfigError, match=r"w_hit \+ w_short \+ w_max \+ w_rand must be 1, got 1\.1"
     ):
         BeamModel(w_hit=1.0)
+
+
+@pytest.mark.parametrize("mixture", MIXTURES)
+@pytest.mark.parametrize("sigma_hit", [0.1, 2.0])
+def test_a_reading_is_where_its_part_of_the_mixture_says(mixture, sigma_hit):
+    """Against inversion with scipy's distributions, beam by beam."""
+    sensor, rng = model(mixture, sigma_hit=sigma_hit), np.random.default_rng(2)
+    expected = np.concatenate([np.repeat([0.0, Z_MAX, 9.0], 40), rng.uniform(0.0, Z_MAX, 200)])
+    uniforms = rng.random((len(expected), 2))
+    last = np.nextafter(Z_MAX, 0.0)
+    for z, z_expected, (part, u) in zip(
+        sensor.sample(expected, uniforms), np.minimum(expected, Z_MAX), uniforms, strict=True
+    ):
+        nothing, w_short = z_expected == Z_MAX, sensor.w_short * (z_expected > 0.0)
+        w_hit = 0.0 if nothing else sensor.w_hit + sensor.w_short - w_short
+        w_max = sensor.w_max + sensor.w_hit * nothing
+        if part < w_hit:
+            hit = truncnorm(-z_expected / sigma_hit, (Z_MAX - z_expected) / sigma_hit)
+            assert z == pytest.approx(min(z_expected + sigma_hit * hit.ppf(u), last), abs=1e-9)
+        elif part < w_hit + w_short:
+            whole = 1.0 - exp(-sensor.lambda_short * z_expected)
+            assert 1.0 - exp(-sensor.lambda_short * z) == pytest.approx(u * whole, abs=1e-12)
+        else:
+            assert z == (Z_MAX if part < w_hit + w_short + w_max else u * Z_MAX)
