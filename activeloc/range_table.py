@@ -2,9 +2,11 @@
 
 A range from a map's cell is kept as one byte, in steps of ``z_max / 255``; it is cast from the
 cell's centre when it is first asked for, so a table costs no more than the rays it answers and a
-new map costs nothing. Against the exact range from where the robot stands in its cell the error is
-of the order of half a cell plus half a direction: a few centimetres at a few metres. Filters that
-widen their sensor, or average over a cell anyhow, do not notice; the simulator never uses it.
+new map costs nothing. Where so much is asked at once that all cells together are cheaper
+(:mod:`activeloc.tracing`), all are filled; their ranges are the same. Against the exact range from
+where the robot stands in its cell the error is of the order of half a cell plus half a direction: a
+few centimetres at a few metres. Filters that widen their sensor, or average over a cell anyhow, do
+not notice; the simulator never uses it.
 
 Source: Thrun, Burgard & Fox, *Probabilistic Robotics* (2005), section 6.3.4, pre-cached ranges.
 """
@@ -19,20 +21,11 @@ from numpy.typing import NDArray
 
 from activeloc import checks
 from activeloc.grid import OccupancyGrid
-from activeloc.raycast import cast_ray
+from activeloc.range_levels import cast_level, fill_all
 
-LEVELS = 255  # Level q of a range is kept as the byte q + 1; 0 has not been cast yet.
-
-
-@njit(cache=True, nogil=True)
-def cast_level(
-    squares: NDArray[np.uint8], row: int, col: int, heading: NDArray[np.float64], reach: float
-) -> int:
-    """Byte of the range from a cell's centre: 1 ... LEVELS, the last if nothing is in range."""
-    z = cast_ray(squares, col + 0.5, row + 0.5, heading[0], heading[1], reach)
-    if z >= reach:
-        return LEVELS
-    return min(LEVELS - 1, 1 + int(z / reach * (LEVELS - 1)))
+POINT = 32  # Bits behind the point of a direction.
+# What a ray costs, and a cell that is laid under many: a matter of their ratio [ns].
+RAY, LAID = 100.0, 0.06
 
 
 @njit(cache=True, nogil=True)
@@ -48,13 +41,69 @@ def cell_of(
 
 
 @njit(cache=True, nogil=True)
-def directions_of(
-    bearings: NDArray[np.float64], n_directions: int, out: NDArray[np.float64]
-) -> None:
-    """Bearings as fractions of the table's circle, in [0, D)."""
+def directions_of(bearings: NDArray[np.float64], n_directions: int, out: NDArray[np.int64]) -> None:
+    """Bearings ``(B,)`` as directions of the table with ``POINT`` bits behind the point.
+
+    In fixed point, for integers are added and cut sooner than numbers are rounded.
+    """
+    circle = n_directions << POINT
     for b in range(bearings.shape[0]):
         turns = bearings[b] / (2.0 * np.pi)
-        out[b] = (turns - np.floor(turns)) * n_directions
+        out[b] = min(int((turns - np.floor(turns)) * n_directions * (1 << POINT)), circle - 1)
+
+
+@njit(cache=True, nogil=True)
+def cast_missing(
+    table: NDArray[np.uint8],
+    squares: NDArray[np.uint8],
+    headings: NDArray[np.float64],
+    place: tuple[int, int, int],
+    ahead: int,
+    offset: NDArray[np.int64],
+    reach: float,
+) -> None:
+    """Cast those beams of a pose that the table does not have yet.
+
+    Args:
+        table: ``(C, D)``, overwritten there.
+        squares: See :func:`look_up_beams`.
+        headings: ``(D, 2)``.
+        place: Of the pose; see :func:`cell_of`.
+        ahead: Its heading; see :func:`directions_of`.
+        offset: ``(B,)``; of the beams.
+        reach: [cell].
+    """
+    circle = table.shape[1] << POINT
+    for b in range(offset.shape[0]):
+        turned = ahead + offset[b]
+        direction = (turned - circle if turned >= circle else turned) >> POINT
+        if table[place[0], direction] == 0:
+            table[place[0], direction] = cast_level(
+                squares, place[1], place[2], headings[direction], reach
+            )
+
+
+@njit(cache=True, nogil=True, inline="always")
+def read_levels(
+    ranges: NDArray[np.uint8], ahead: int, offset: NDArray[np.int64], out: NDArray[np.int32]
+) -> int:
+    """Fill ``out (B,)`` with a pose's levels; returns a negative number if one is not cast yet.
+
+    Args:
+        ranges: ``(D,)``; a cell's row of the table.
+        ahead: The heading; see :func:`directions_of`.
+        offset: ``(B,)``; of the beams.
+        out: Overwritten; -1 for what is not cast yet.
+    """
+    circle, signs = ranges.shape[0] << POINT, 0
+    for b in range(offset.shape[0]):
+        turned = ahead + offset[b]
+        turned -= circle if turned >= circle else 0
+        # Unsigned, for numba looks after negative indices.
+        out[b] = np.int32(ranges[np.uint64(turned >> POINT)]) - 1
+    for b in range(offset.shape[0]):
+        signs |= out[b]
+    return signs
 
 
 @njit(cache=True, nogil=True)
@@ -83,36 +132,19 @@ def look_up_beams(
         out: ``(N, B)``, overwritten.
     """
     n_directions = table.shape[1]
-    offset = np.empty(bearings.shape[0])
+    offset, circle = np.empty(len(bearings), dtype=np.int64), n_directions << POINT
     directions_of(bearings, n_directions, offset)
     for i in range(poses.shape[0]):
-        cell, row, col = cell_of(index, frame, poses[i, 0], poses[i, 1])
+        place, levels = cell_of(index, frame, poses[i, 0], poses[i, 1]), out[i]
+        if place[0] < 0:
+            levels[:] = 0
+            continue
         turns = poses[i, 2] / (2.0 * np.pi)
-        ahead = (turns - np.floor(turns)) * n_directions + 0.5
-        for b in range(bearings.shape[0]):
-            if cell < 0:
-                out[i, b] = 0
-                continue
-            direction = int(ahead + offset[b])
-            while direction >= n_directions:
-                direction -= n_directions
-            level = table[cell, direction]
-            if level == 0:
-                level = cast_level(squares, row, col, headings[direction], reach)
-                table[cell, direction] = level
-            out[i, b] = level - 1
-
-
-def level_ranges(z_max: float) -> NDArray[np.float64]:
-    """``(LEVELS,)``; the range that each level stands for, the last ``z_max`` [m]."""
-    steps = LEVELS - 1
-    return np.append((np.arange(steps) + 0.5) * (z_max / steps), z_max)
-
-
-def levels_of(z: NDArray[np.float64], z_max: float) -> NDArray[np.int32]:
-    """Level of each range in [0, z_max] [m]: an array like ``z``."""
-    level = np.minimum(z / z_max * (LEVELS - 1), LEVELS - 2).astype(np.int32)
-    return np.where(z >= z_max, LEVELS - 1, level).astype(np.int32)
+        ahead = int(((turns - np.floor(turns)) * n_directions + 0.5) * (1 << POINT))
+        ahead -= circle if ahead >= circle else 0
+        ranges = table[np.uint64(place[0])]
+        while read_levels(ranges, ahead, offset, levels) < 0:
+            cast_missing(table, squares, headings, place, ahead, offset, reach)
 
 
 class RangeTable:
@@ -142,6 +174,17 @@ class RangeTable:
         self.table = np.zeros((int(free.sum()), directions), dtype=np.uint8)
         self.frame = np.array([*grid.origin, 1.0 / grid.resolution])
         self.reach = z_max / grid.resolution
+        self._margin = int(self.reach) + 2
+        laid = grid.shape[0] * (grid.shape[1] + 2.0 * self._margin)
+        self._costs = LAID * directions * 1.3 * self.reach * laid
+        self._is_full = False
+
+    def expect(self, n: int) -> None:
+        """Fill the whole table if that is cheaper than n rays, which are about to be asked for."""
+        if not self._is_full and n * RAY > self._costs:
+            free = np.pad(np.where(self.grid.blocked, 0, 255).astype(np.uint8), self._margin)
+            fill_all(free, self._margin, self.index, self.headings, self.reach, self.table)
+            self._is_full = True
 
     @property
     def filled(self) -> float:
@@ -154,18 +197,12 @@ class RangeTable:
         """Level of each beam ``(N, B)`` from poses ``(N, 3)``; off the free cells it is 0."""
         poses = np.ascontiguousarray(poses, dtype=np.float64)
         bearings = np.ascontiguousarray(bearings, dtype=np.float64)
+        self.expect(len(poses) * len(bearings))
         out = np.empty((len(poses), len(bearings)), dtype=np.int32)
         look_up_beams(
-            self.table,
-            self.index,
-            self.squares,
-            self.headings,
-            poses,
-            bearings,
-            self.frame,
-            self.reach,
-            out,
-        )
+            self.table, self.index, self.squares, self.headings, poses, bearings, self.frame,
+            self.reach, out,
+        )  # fmt: skip
         return out
 
 

@@ -14,7 +14,7 @@ ROOT = PACKAGE.parent
 # From the ground: a module imports from its own floor and from those below it, never from above.
 FLOORS = (
     ("errors", "checks", "files", "configuration", "free_squares", "sharing"),
-    ("grid", "raycast", "range_table"),
+    ("grid", "raycast", "tracing", "range_levels", "range_table"),
     ("maps", "motion", "sensors", "logs", "plots"),
     ("beliefs",),
     ("simulator", "replay"),

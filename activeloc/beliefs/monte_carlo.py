@@ -21,7 +21,7 @@ from activeloc.beliefs.resampling import SCHEMES, comb
 from activeloc.beliefs.sample_size import draw_until
 from activeloc.beliefs.settings import ParticleConfig
 from activeloc.motion import MotionModel
-from activeloc.range_table import level_ranges, levels_of
+from activeloc.range_levels import level_ranges, levels_of
 from activeloc.sensors import RangeSensor, ReadingBins
 from activeloc.sensors.readings import ExpectedRangeSensor, rays_of, widened
 
@@ -115,6 +115,8 @@ class MonteCarlo:
             weigh_by_rows(log_w, rows, log_p, scan.readings, scan.weights)
             return
         counts = (scan.readings >= 0) & (scan.weights > 0.0)
+        if not counts.any():
+            return
         read = (law[scan.readings[counts]] * scan.weights[counts, None]).astype(np.float32)
         bearings = self.sensor.bearings[counts]
         if table is None:
@@ -122,6 +124,7 @@ class MonteCarlo:
             z_max = self.sensor.z_max
             weigh_by_rays(grid.squares, grid.frame, z_max, poses, bearings, read, log_w)
             return
+        table.expect(len(poses) * len(bearings))
         weigh_by_table(
             table.table, table.index, table.squares, table.headings, table.frame, table.reach,
             poses, bearings, read, log_w,

@@ -6,10 +6,71 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.range_table import LEVELS, cast_level, cell_of, directions_of
+from activeloc.range_levels import LEVELS
+from activeloc.range_table import POINT, cast_missing, cell_of, directions_of
 from activeloc.raycast import cast_beams
 
-POINT = 32  # Bits behind the point.
+BLOCK = 128  # Particles that are weighed together.
+
+
+@njit(cache=True, nogil=True)
+def locate(
+    index: NDArray[np.int32],
+    frame: NDArray[np.float64],
+    n_directions: int,
+    poses: NDArray[np.float64],
+    row: NDArray[np.int64],
+    ahead: NDArray[np.int64],
+) -> None:
+    """Where in the table of ranges each pose's beams are looked up.
+
+    Args:
+        index: ``(H, W)``.
+        frame: ``(3,)``.
+        n_directions: D.
+        poses: ``(n, 3)``.
+        row: ``(>= n,)``, overwritten with where the cell's row begins; -1 where it is not free.
+        ahead: ``(>= n,)``, overwritten with the heading; see :func:`directions_of`.
+    """
+    circle = n_directions << POINT
+    per_radian, half = n_directions / (2.0 * np.pi) * (1 << POINT), (1 << POINT) // 2
+    for i in range(poses.shape[0]):
+        row[i] = cell_of(index, frame, poses[i, 0], poses[i, 1])[0] * n_directions
+        turned = int((poses[i, 2] + np.pi) * per_radian) + half
+        ahead[i] = turned - (circle if turned >= circle else 0)
+
+
+@njit(cache=True, nogil=True)
+def add_readings(
+    flat: NDArray[np.uint8],
+    row: NDArray[np.int64],
+    ahead: NDArray[np.int64],
+    offset: NDArray[np.int64],
+    circle: int,
+    log_p: NDArray[np.float32],
+    out: NDArray[np.float64],
+) -> None:
+    """Fill ``out (n,)`` with the log-likelihood of all readings; anything where ``row`` is -1.
+
+    Beam by beam, so that the look-ups of many particles are waited for together.
+
+    Args:
+        flat: ``(C * D,)``; the table.
+        row: ``(>= n,)``; see :func:`locate`.
+        ahead: ``(>= n,)``.
+        offset: ``(B,)``; of the beams.
+        circle: D in fixed point.
+        log_p: ``(B, LEVELS + 1)``; by the table's byte.
+        out: ``(n,)``, overwritten.
+    """
+    out[:] = 0.0
+    for b in range(offset.shape[0]):
+        for i in range(out.shape[0]):
+            turned = ahead[i] + offset[b]
+            turned -= circle if turned >= circle else 0
+            at = max(0, row[i]) + (turned >> POINT)
+            # Unsigned, for numba looks after negative indices.
+            out[i] += log_p[b, np.uint64(flat[np.uint64(at)])]
 
 
 @njit(cache=True, nogil=True)
@@ -39,34 +100,29 @@ def weigh_by_table(
         log_p: ``(B, LEVELS)``; weighted log P(what beam b read | level of the range).
         log_w: ``(N,)``, overwritten.
     """
-    n_directions, n_beams = table.shape[1], bearings.shape[0]
-    # Directions in fixed point, for integers are added and cut sooner than numbers are rounded.
-    circle = n_directions << POINT
-    offset, fraction = np.empty(n_beams, dtype=np.int64), np.empty(n_beams)
-    directions_of(bearings - np.pi, n_directions, fraction)
-    outside = 0.0
+    n_directions, n_beams, outside = table.shape[1], bearings.shape[0], 0.0
+    offset, by_byte = np.empty(n_beams, np.int64), np.empty((n_beams, LEVELS + 1), np.float32)
+    directions_of(bearings - np.pi, n_directions, offset)
     for b in range(n_beams):
-        offset[b] = min(int(fraction[b] * (1 << POINT)), circle - 1)
         outside += log_p[b, 0]
-    per_radian, half = n_directions / (2.0 * np.pi) * (1 << POINT), (1 << POINT) // 2
-    for i in range(poses.shape[0]):
-        cell, row, col = cell_of(index, frame, poses[i, 0], poses[i, 1])
-        if cell < 0:
-            log_w[i] += outside
-            continue
-        ahead = int((poses[i, 2] + np.pi) * per_radian) + half
-        ahead -= circle if ahead >= circle else 0
-        total = 0.0
-        for b in range(n_beams):
-            turned = ahead + offset[b]
-            turned -= circle if turned >= circle else 0
-            direction = turned >> POINT
-            level = table[np.uint64(cell), np.uint64(direction)]
-            if level == 0:
-                level = cast_level(squares, row, col, headings[direction], reach)
-                table[cell, direction] = level
-            total += log_p[b, np.uint64(level) - np.uint64(1)]
-        log_w[i] += total
+        by_byte[b, 0], by_byte[b, 1:] = np.nan, log_p[b]  # What has not been cast will be noticed.
+    flat, circle = table.reshape(-1), n_directions << POINT
+    row, ahead = np.empty(BLOCK, dtype=np.int64), np.empty(BLOCK, dtype=np.int64)
+    total = np.empty(BLOCK)
+    for first in range(0, poses.shape[0], BLOCK):
+        block = poses[first : first + BLOCK]
+        locate(index, frame, n_directions, block, row, ahead)
+        sums = total[: block.shape[0]]
+        add_readings(flat, row, ahead, offset, circle, by_byte, sums)
+        for i in range(block.shape[0]):
+            if row[i] < 0:
+                sums[i] = outside
+            elif np.isnan(sums[i]):
+                place = cell_of(index, frame, block[i, 0], block[i, 1])
+                cast_missing(table, squares, headings, place, ahead[i], offset, reach)
+                one = slice(i, i + 1)
+                add_readings(flat, row[one], ahead[one], offset, circle, by_byte, sums[one])
+            log_w[first + i] += sums[i]
 
 
 @njit(cache=True, nogil=True)
@@ -90,17 +146,19 @@ def weigh_by_rays(
         log_p: ``(B, LEVELS)``.
         log_w: ``(N,)``, overwritten.
     """
-    expected = np.empty((1, bearings.shape[0]))
-    for i in range(poses.shape[0]):
-        cast_beams(squares, frame, poses[i : i + 1], bearings, z_max, expected)
-        total = 0.0
-        for b in range(bearings.shape[0]):
-            z = expected[0, b]
-            level = LEVELS - 1
-            if z < z_max:
-                level = min(int(z / z_max * (LEVELS - 1)), LEVELS - 2)
-            total += log_p[b, level]
-        log_w[i] += total
+    expected = np.empty((BLOCK, bearings.shape[0]))
+    for first in range(0, poses.shape[0], BLOCK):
+        block = poses[first : first + BLOCK]
+        cast_beams(squares, frame, block, bearings, z_max, expected)
+        for i in range(block.shape[0]):
+            total = 0.0
+            for b in range(bearings.shape[0]):
+                z = expected[i, b]
+                level = LEVELS - 1
+                if z < z_max:
+                    level = min(int(z / z_max * (LEVELS - 1)), LEVELS - 2)
+                total += log_p[b, level]
+            log_w[first + i] += total
 
 
 @njit(cache=True, nogil=True)
