@@ -8,6 +8,7 @@ grid and a cloud of particles that believe the same thing say the same number of
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from activeloc import checks
@@ -18,6 +19,23 @@ def entropy(p: NDArray[np.floating]) -> float:
     """Shannon entropy of probabilities of any shape [nat]; 0 log 0 is 0."""
     positive = p[p > 0.0].astype(np.float64)
     return float(-(positive * np.log(positive)).sum())
+
+
+@njit(cache=True, nogil=True)
+def _index(
+    poses: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    size: float,
+    angle: float,
+    shape: tuple[int, int, int],
+    out: NDArray[np.int64],
+) -> None:
+    """Fill ``out (N,)`` with the bins of poses ``(N, 3)``; see :meth:`CommonBins.index`."""
+    for i in range(poses.shape[0]):
+        col = int(min(max(np.floor((poses[i, 0] - origin[0]) / size), 0.0), shape[1] - 1.0))
+        row = int(min(max(np.floor((poses[i, 1] - origin[1]) / size), 0.0), shape[0] - 1.0))
+        heading = int(np.floor((poses[i, 2] + np.pi) / angle)) % shape[2]
+        out[i] = (row * shape[1] + col) * shape[2] + heading
 
 
 class CommonBins:
@@ -47,11 +65,10 @@ class CommonBins:
 
     def index(self, poses: NDArray[np.float64]) -> NDArray[np.int64]:
         """Flat index of the bin of each pose ``(N, 3)``; poses off the map count at its edge."""
-        column_row = np.floor((poses[:, :2] - self.origin) / self.size).astype(np.int64)
-        col = np.clip(column_row[:, 0], 0, self.shape[1] - 1)
-        row = np.clip(column_row[:, 1], 0, self.shape[0] - 1)
-        heading = np.floor((poses[:, 2] + np.pi) / self.angle).astype(np.int64) % self.n_headings
-        return np.asarray((row * self.shape[1] + col) * self.n_headings + heading)
+        poses = np.ascontiguousarray(poses, dtype=np.float64)
+        out = np.empty(len(poses), dtype=np.int64)
+        _index(poses, self.origin, self.size, self.angle, (*self.shape, self.n_headings), out)
+        return out
 
     def centres(self, index: NDArray[np.int64]) -> NDArray[np.float64]:
         """Centre pose ``(N, 3)`` of bins given by flat index."""

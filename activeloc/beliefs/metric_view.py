@@ -34,12 +34,14 @@ from numpy.typing import NDArray
 
 from activeloc.beliefs import Belief
 from activeloc.beliefs.metric_view_kernels import (
+    CLOSED,
     DIRECTIONS,
     SHARES,
     classify,
-    draw_ways,
     draw_window,
+    record,
 )
+from activeloc.beliefs.metric_ways_kernels import draw_ways
 from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import Terrain
@@ -53,6 +55,8 @@ WAYS = (2, BEARINGS, DISTANCES)
 PLACE = (2 * BEARINGS,)
 HYPOTHESES = 128  # At most 255: they are counted in bytes.
 CELL = 0.2  # Of the look-up [m].
+MOST = float(np.log(HYPOTHESES))  # What is told at most [nat].
+ANGLES = 2.0 * np.pi * np.arange(BEARINGS) / BEARINGS
 STEP = 0.25  # At which a way is probed [m]; walls are thicker to the centre of a robot.
 
 
@@ -84,13 +88,14 @@ class Lookup:
         classify(grid.squares, grid.to_cells(places), z_max / grid.resolution, classes)
         self.seen = np.zeros((DIRECTIONS, *poses.shape), dtype=np.uint8)
         self.seen[:, row, col] = classes
-        self._records: dict[int, NDArray[np.uint8]] = {}
+        self._records: dict[int, NDArray[np.uint32]] = {}
 
-    def records(self, margin: int) -> NDArray[np.uint8]:
-        """``(rows, cols, DIRECTIONS + 1)``; a cell's classes and its share, padded with nothing."""
+    def records(self, margin: int) -> NDArray[np.uint32]:
+        """``(9, rows, cols)``: see :func:`record`; padded with closed cells."""
         if margin not in self._records:
-            planes = np.concatenate([self.seen, self.area[None]]).transpose(1, 2, 0)
-            self._records[margin] = np.pad(planes, ((margin, margin), (margin, margin), (0, 0)))
+            around = ((0, 0), (margin, margin), (margin, margin))
+            words = record(self.seen, self.area)
+            self._records[margin] = np.pad(words, around, constant_values=CLOSED)
         return self._records[margin]
 
 
@@ -116,27 +121,27 @@ class MetricView:
         bearings = np.sort(sensor.bearings)
         some = bearings[np.unique([0, len(bearings) // 2, len(bearings) - 1])]
         self._beams = np.round(some * DIRECTIONS / (2.0 * np.pi)).astype(np.int64) % DIRECTIONS
+        # To the window's corner or to the end of a way, and a cell to spare.
+        reach = max(2.0**0.5 * radius, DISTANCES - 1.0) * PIXEL / CELL
+        self._margin = int(np.ceil(reach)) + 2
 
     def draw(self, robot: int) -> dict[str, NDArray[np.float32]]:
         """``view`` ``(5, 2 radius + 1, 2 radius + 1)``, ``ways`` and ``place``: new, in [0, 1]."""
-        terrain = self.belief.terrain(robot)
+        terrain, margin = self.belief.terrain(robot), self._margin
         table = lookup_of(terrain.grid, terrain.radius, self.sensor.z_max)
         poses, counts = self.belief.thinned(robot, HYPOTHESES)
         side = 2 * self.radius + 1
         view = np.empty((PLANES, side, side), dtype=np.float32)
         ways = np.empty(WAYS, dtype=np.float32)
-        # To the window's corner or to the end of a way, and a cell to spare.
-        reach = max(2.0**0.5 * self.radius, DISTANCES - 1.0) * PIXEL / CELL
-        margin = int(np.ceil(reach)) + 2
         records = table.records(margin)
         draw_window(poses, counts, table.frame, records, margin, PIXEL / CELL, view)
         draw_ways(
             poses, counts, self.belief.bins(robot).index(poses), table.frame, records, margin,
-            STEP / CELL, round(PIXEL / STEP), self._beams, np.log(HYPOTHESES), ways,
+            STEP / CELL, round(PIXEL / STEP), self._beams, MOST, ways,
         )  # fmt: skip
         memory = self.belief.place(robot)
-        sector = memory.sector(2.0 * np.pi * np.arange(BEARINGS) / BEARINGS)
-        place = np.concatenate(
-            [np.minimum(0.5 * memory.readings, 1.0)[sector], memory.refused[sector]]
-        )
-        return {"view": view, "ways": ways, "place": place.astype(np.float32)}
+        sector = memory.sector(ANGLES)
+        place = np.empty(PLACE, dtype=np.float32)
+        place[:BEARINGS] = np.minimum(0.5 * memory.readings[sector], 1.0)
+        place[BEARINGS:] = memory.refused[sector]
+        return {"view": view, "ways": ways, "place": place}
