@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeloc.beliefs.common_bins import CommonBins, entropy
-from activeloc.beliefs.particle_bins import bin_weights
+from activeloc.beliefs.particle_bins import empty_slots, sum_bins
 from activeloc.beliefs.particle_motion import spread
 from activeloc.beliefs.particle_past import Past
 from activeloc.beliefs.place import PlaceMemory
@@ -87,7 +87,8 @@ class Cloud:
         noticed: How often they have begun to.
         weights: ``(N,)`` summing to one; None where they must be computed from ``log_w``.
         log_total: Logarithm of their sum before they are normalised, where they are known.
-        masses: ``(bins,)``; what the last scan left on the common bins, None once it has moved.
+        masses: What the last scan left on the common bins, see :meth:`binned`; None once it has
+            moved.
     """
 
     ground: Ground
@@ -102,7 +103,7 @@ class Cloud:
     noticed: int = 0
     weights: NDArray[np.float64] | None = None
     log_total: float = 0.0
-    masses: NDArray[np.float64] | None = None
+    masses: tuple[NDArray[np.int32], NDArray[np.float64]] | None = None
     past: Past = field(default_factory=Past)
 
     def normalised(self) -> NDArray[np.float64]:
@@ -167,18 +168,23 @@ class Cloud:
         with np.errstate(divide="ignore"):
             self.past.log_kept = self.log_total + float(np.log1p(-self.past.w))
 
-    def binned(self) -> NDArray[np.float64]:
-        """``(bins,)``; weights on the common bins."""
+    def binned(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """``(n,)`` of the common bins that hold particles, and what they weigh there."""
         if self.masses is None:
-            self.masses = self.bin(np.empty(0, dtype=np.int32))
+            held, masses, _ = self.bin(slice(None))
+            self.masses = held, masses
         return self.masses
 
-    def bin(self, index: NDArray[np.int32]) -> NDArray[np.float64]:
-        """:meth:`binned` afresh; ``index (N,)`` is filled with each particle's bin."""
-        out = np.zeros(len(self.ground.bins))
-        ground = self.ground
-        bin_weights(self.poses, self.normalised(), ground.corner, ground.shape, out, index)
-        return out
+    def bin(self, part: slice) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.int32]]:
+        """:meth:`binned` of a part of the cloud, and each particle's place ``(N,)`` among them."""
+        ground, poses = self.ground, self.poses[part]
+        index, held = np.empty(len(poses), np.int32), np.empty(len(poses), np.int32)
+        masses = np.empty(len(poses))
+        n = sum_bins(
+            poses, self.normalised()[part], ground.corner, ground.shape,
+            empty_slots(len(ground.bins)), index, held, masses,
+        )  # fmt: skip
+        return held[:n], masses[:n], index
 
     def copy(self) -> Cloud:
         """An independent cloud with the same future noise."""

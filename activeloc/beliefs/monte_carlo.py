@@ -5,6 +5,7 @@ Thrun, Burgard & Fox, *Probabilistic Robotics* (2005), tables 8.2 and 8.3.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from math import hypot, inf, log
 
@@ -13,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from activeloc.beliefs.cloud import Cloud, spread_poses
-from activeloc.beliefs.particle_bins import allocate, roughen, shares
-from activeloc.beliefs.particle_motion import NORMALS, drive, noise, slip, touch, turn
+from activeloc.beliefs.particle_bins import allocate, empty_slots, merge, roughen, shares
+from activeloc.beliefs.particle_motion import NORMALS, drive, every, noise, slip, touch, turn
 from activeloc.beliefs.particle_past import Counted
 from activeloc.beliefs.particle_weighing import weigh_by_rays, weigh_by_rows, weigh_by_table
 from activeloc.beliefs.resampling import SCHEMES, comb
@@ -29,6 +30,30 @@ from activeloc.sensors.readings import ExpectedRangeSensor, rays_of, widened
 def drawn_by(log_p: NDArray[np.float64], n: int, rng: np.random.Generator) -> NDArray[np.intp]:
     """Indices ``(n,)``, drawn systematically in proportion to exp of ``log_p (N,)``."""
     return comb(np.exp(log_p - log_p.max()).cumsum(), n, rng.random())
+
+
+@dataclass(frozen=True, slots=True)
+class Redrawn:
+    """What becomes of a part of a cloud.
+
+    Attributes:
+        held: ``(n,)``; common bins that hold particles of it.
+        masses: ``(n,)``; what they weigh there.
+        weights: ``(N,)``; of those that come out of it.
+        chosen: ``(N,)``; whose copies they are; None if it is left alone.
+        noise: ``(N, 3)``; by which the copies differ; None for none of them.
+    """
+
+    held: NDArray[np.int32]
+    masses: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    chosen: NDArray[np.intp] | None = None
+    noise: NDArray[np.uint16] | None = None
+
+    @property
+    def redrawn(self) -> bool:
+        """Whether it is not left alone."""
+        return self.chosen is not None
 
 
 class MonteCarlo:
@@ -79,7 +104,7 @@ class MonteCarlo:
         """
         sigma, ground = self.motion.odometry.sigma(u), cloud.ground
         n, rng, cloud.masses = len(cloud.poses), cloud.rng, None
-        slipping = rng.integers(0, n, int(self.config.slip * n + rng.random()))
+        slipping = every(self.config.slip, n, rng.random())
         before, weighed = cloud.poses[slipping], cloud.log_w[slipping]
         if u[1] == 0.0 and sigma[1] == 0.0:
             angle, spread = float(u[0] + u[2]), hypot(sigma[0], sigma[2])
@@ -168,58 +193,62 @@ class MonteCarlo:
         followed by more of them than its share, so that its evidence is known better and the truth
         does not die out among like places. The belief is the same.
         """
-        cloud.masses, drawn = np.zeros(len(cloud.ground.bins)), []
-        redrawn = False
-        for part in cloud.parts:
-            survivors = self._redraw(cloud, part, always)
-            redrawn = redrawn or survivors is not None
-            if survivors is None:
-                survivors = cloud.poses[part], cloud.normalised()[part]
-            drawn.append(survivors)
-        if redrawn:
-            cloud.n_kept = len(drawn[0][0])
-            cloud.poses = np.concatenate([poses for poses, _ in drawn])
-            cloud.weights = np.concatenate([w for _, w in drawn])
-            with np.errstate(divide="ignore"):
-                cloud.log_w, cloud.log_total = np.log(cloud.weights), 0.0
+        parts = [self._redraw(cloud, part, always) for part in cloud.parts]
+        held = np.concatenate([part.held for part in parts])
+        masses = np.concatenate([part.masses for part in parts])
+        n = merge(held, masses, empty_slots(len(cloud.ground.bins)))
+        cloud.masses = held[:n], masses[:n]
+        if not any(part.redrawn for part in parts):
+            return
+        poses, weights = np.empty((sum(len(part.weights) for part in parts), 3)), []
+        first = 0
+        for given, part in zip(cloud.parts, parts, strict=True):
+            out = poses[first : first + len(part.weights)]
+            self._copy(cloud, cloud.poses[given], part, out)
+            weights.append(part.weights)
+            first += len(out)
+        cloud.n_kept = len(weights[0])
+        cloud.poses, cloud.weights = poses, np.concatenate(weights)
+        with np.errstate(divide="ignore"):
+            cloud.log_w, cloud.log_total = np.log(cloud.weights), 0.0
 
-    def _redraw(
-        self, cloud: Cloud, part: slice, always: bool
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Survivors ``(n, 3)`` of a part of the cloud and their weights, or None to leave it alone.
+    def _redraw(self, cloud: Cloud, part: slice, always: bool) -> Redrawn:
+        """What becomes of a part of the cloud.
 
         Args:
-            cloud: The particles; the part's masses are added to its own.
+            cloud: The particles.
             part: Which of them.
             always: Whether to draw even if the effective sample size is large.
         """
-        ground, config = cloud.ground, self.config
-        poses, weights = cloud.poses[part], cloud.normalised()[part]
-        n, bins = len(weights), len(ground.bins)
-        index, wheel = np.empty(n, dtype=np.int32), np.empty(n)
-        masses, factor = np.zeros(bins), np.zeros(bins)
-        mass, squares, states = allocate(
-            poses, weights, ground.corner, ground.shape, config.allocation, index, masses, factor,
-            wheel,
-        )  # fmt: skip
+        config, weights = self.config, cloud.normalised()[part]
+        held, masses, index = cloud.bin(part)
+        wheel, factor, n = np.empty(len(weights)), np.empty(len(masses)), len(weights)
+        mass, squares, states = allocate(weights, index, masses, config.allocation, factor, wheel)
         if mass == 0.0:
-            return np.empty((0, 3)), np.empty(0)
-        assert cloud.masses is not None
-        cloud.masses += masses
+            return Redrawn(held, masses, np.empty(0), np.empty(0, dtype=np.intp))
         most = config.n_max
         if part.start > 0 and not cloud.searching:
             most = min(most, config.n_elsewhere)
         even = wheel[-1] ** 2 >= config.ess_ratio * n * squares
         if not always and even and n <= 2 * most:
-            return None
-        chosen = self._choose(cloud, poses, wheel, states, most)
-        out, w = np.empty((len(chosen), 3)), np.empty(len(chosen))
-        roughen(
-            ground.terrain.open, ground.frame, poses, chosen, noise(cloud.rng, len(chosen), 3),
-            NORMALS, config.roughening_xy, config.roughening_theta, out,
-        )  # fmt: skip
+            return Redrawn(held, masses, weights)
+        chosen = self._choose(cloud, cloud.poses[part], wheel, states, most)
+        w = np.empty(len(chosen))
         shares(chosen, index, factor, mass, w)
-        return out, w
+        return Redrawn(held, masses, w, chosen, noise(cloud.rng, len(chosen), 3))
+
+    def _copy(
+        self, cloud: Cloud, poses: NDArray[np.float64], part: Redrawn, out: NDArray[np.float64]
+    ) -> None:
+        """Fill ``out (n, 3)`` with the survivors among a part's poses ``(N, 3)``."""
+        config, ground = self.config, cloud.ground
+        if part.chosen is None:
+            out[:] = poses
+        elif part.noise is not None:
+            roughen(
+                ground.terrain.open, ground.frame, poses, part.chosen, part.noise, NORMALS,
+                config.roughening_xy, config.roughening_theta, out,
+            )  # fmt: skip
 
     def _choose(
         self,

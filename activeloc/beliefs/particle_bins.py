@@ -5,6 +5,8 @@ Poses are ``(x [m], y [m], theta [rad] in [-pi, pi))``; frames are ``(x0, y0, ce
 
 from __future__ import annotations
 
+from threading import local
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -60,6 +62,86 @@ def bin_weights(
 
 
 @njit(cache=True, nogil=True)
+def sum_bins(
+    poses: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    corner: NDArray[np.float64],
+    shape: tuple[int, int, int],
+    slots: NDArray[np.int32],
+    index: NDArray[np.int32],
+    held: NDArray[np.int32],
+    masses: NDArray[np.float64],
+) -> int:
+    """Add the weights up in those bins that hold a particle; returns how many they are.
+
+    A cloud that is somewhere touches a few of the many bins, and no others here.
+
+    Args:
+        poses: ``(N, 3)``.
+        weights: ``(N,)``.
+        corner: See :func:`bin_of`.
+        shape: See :func:`bin_of`.
+        slots: ``(bins,)`` of zeros; they are zeros again.
+        index: ``(N,)``, overwritten with each particle's place in ``held``.
+        held: ``(N,)``, overwritten with the bins, in the order of the particles.
+        masses: ``(N,)``, overwritten with theirs.
+    """
+    n = 0
+    for i in range(poses.shape[0]):
+        k = bin_of(poses[i, 0], poses[i, 1], poses[i, 2], corner, shape)
+        slot = slots[k] - 1
+        if slot < 0:
+            slot = n
+            n += 1
+            held[slot], masses[slot], slots[k] = k, 0.0, n
+        index[i] = slot
+        masses[slot] += weights[i]
+    for slot in range(n):
+        slots[held[slot]] = 0
+    return n
+
+
+@njit(cache=True, nogil=True)
+def merge(held: NDArray[np.int32], masses: NDArray[np.float64], slots: NDArray[np.int32]) -> int:
+    """Add up the masses of bins that are named twice, in place; returns how many are left.
+
+    Args:
+        held: ``(n,)`` of bins, overwritten.
+        masses: ``(n,)`` of theirs, overwritten.
+        slots: ``(bins,)`` of zeros; they are zeros again.
+    """
+    n = 0
+    for j in range(held.shape[0]):
+        slot = slots[held[j]] - 1
+        if slot < 0:
+            held[n], masses[n] = held[j], masses[j]
+            n += 1
+            slots[held[j]] = n
+        else:
+            masses[slot] += masses[j]
+    for j in range(n):
+        slots[held[j]] = 0
+    return n
+
+
+class _Slots(local):
+    """Zeros that each thread keeps."""
+
+    def __init__(self) -> None:
+        self.zeros = np.zeros(0, dtype=np.int32)
+
+
+_SLOTS = _Slots()
+
+
+def empty_slots(bins: int) -> NDArray[np.int32]:
+    """``(bins,)`` of zeros for :func:`sum_bins` and :func:`merge`, which leave them so."""
+    if len(_SLOTS.zeros) < bins:
+        _SLOTS.zeros = np.zeros(bins, dtype=np.int32)
+    return _SLOTS.zeros[:bins]
+
+
+@njit(cache=True, nogil=True)
 def wheel_of(
     weights: NDArray[np.float64],
     index: NDArray[np.int32],
@@ -85,50 +167,35 @@ def wheel_of(
 
 @njit(cache=True, nogil=True)
 def allocate(
-    poses: NDArray[np.float64],
     weights: NDArray[np.float64],
-    corner: NDArray[np.float64],
-    shape: tuple[int, int, int],
-    power: float,
     index: NDArray[np.int32],
     masses: NDArray[np.float64],
+    power: float,
     factor: NDArray[np.float64],
     wheel: NDArray[np.float64],
 ) -> tuple[float, float, float]:
     """How many particles each bin gets for its mass: in proportion to the mass to a power.
 
     Args:
-        poses: ``(N, 3)``.
-        weights: ``(N,)``, their sum positive.
-        corner: See :func:`bin_of`.
-        shape: See :func:`bin_of`.
+        weights: ``(N,)``.
+        index: ``(N,)``; bin of each particle, as in :func:`sum_bins`.
+        masses: ``(n,)``; of the bins.
         power: In (0, 1].
-        index: ``(N,)``, overwritten with each particle's bin.
-        masses: ``(bins,)`` of zeros, overwritten.
-        factor: ``(bins,)`` of zeros, overwritten where there is mass: mass to the power less one.
+        factor: ``(n,)``, overwritten: mass to the power less one, 0 where there is none.
         wheel: ``(N,)``, overwritten with the cumulative weights after allocation.
 
     Returns:
         The mass, the sum of the squares of the weights after allocation, and the effective states
         (:mod:`activeloc.beliefs.sample_size`). Zeros where nothing has a weight.
     """
-    held = np.empty(min(poses.shape[0], masses.shape[0]), dtype=np.int32)
-    n_held, total = 0, 0.0
-    for i in range(poses.shape[0]):
-        k = bin_of(poses[i, 0], poses[i, 1], poses[i, 2], corner, shape)
-        index[i] = k
-        if weights[i] > 0.0:
-            if masses[k] == 0.0:
-                held[n_held] = k
-                n_held += 1
-            masses[k] += weights[i]
-            total += weights[i]
+    total = 0.0
+    for j in range(masses.shape[0]):
+        total += masses[j]
     if total == 0.0:
         return 0.0, 0.0, 0.0
-    p = np.empty(n_held)
-    for j in range(n_held):
-        p[j] = masses[held[j]] / total
-        factor[held[j]] = masses[held[j]] ** (power - 1.0)
+    p = masses / total
+    for j in range(masses.shape[0]):
+        factor[j] = masses[j] ** (power - 1.0) if masses[j] > 0.0 else 0.0
     return total, wheel_of(weights, index, factor, wheel), effective_states(p, power)
 
 
@@ -183,7 +250,7 @@ def shares(
     Args:
         chosen: ``(n,)``.
         index: ``(N,)``; bin of each particle.
-        factor: ``(bins,)``; see :func:`allocate`.
+        factor: ``(n,)``; see :func:`allocate`.
         mass: Sum of the weights.
         out: ``(n,)``, overwritten.
     """

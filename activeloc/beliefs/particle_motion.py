@@ -7,6 +7,8 @@ nothing is raised.
 
 from __future__ import annotations
 
+from math import prod
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -28,9 +30,23 @@ _COS, _SIN = np.cos(_ANGLES), np.sin(_ANGLES)
 
 def noise(rng: np.random.Generator, *shape: int) -> NDArray[np.uint16]:
     """Indices of ``NORMALS``, each equally likely."""
-    n = int(np.prod(shape))
+    n = prod(shape)
     words = rng.integers(0, 2**64 - 1, (n + 3) // 4, dtype=np.uint64, endpoint=True)
     return words.view(np.uint16)[:n].reshape(shape)
+
+
+def every(share: float, n: int, start: float) -> NDArray[np.intp]:
+    """Indices of as large a share of n particles, evenly spaced, so that each is equally likely.
+
+    Args:
+        share: In [0, 1].
+        n: Particles.
+        start: In [0, 1); the first, in their distance.
+    """
+    if share == 0.0:
+        return np.empty(0, dtype=np.intp)
+    index = ((np.arange(int(n * share) + 1) + start) * (1.0 / share)).astype(np.intp)
+    return index[: int(np.searchsorted(index, n))]
 
 
 @njit(cache=True, nogil=True)

@@ -70,16 +70,21 @@ def local_moments(
 
 
 @njit(cache=True, nogil=True)
-def peak(masses: NDArray[np.float64]) -> tuple[int, float]:
-    """Index of the largest of some probabilities ``(n,)``, and their Shannon entropy [nat]."""
+def peak(held: NDArray[np.int32], masses: NDArray[np.float64]) -> tuple[int, float]:
+    """The bin with the most mass, the first of equals, and the Shannon entropy of all [nat].
+
+    Args:
+        held: ``(n,)`` of bins.
+        masses: ``(n,)`` of theirs, probabilities.
+    """
     best, entropy = 0, 0.0
-    for k in range(masses.shape[0]):
-        p = masses[k]
+    for j in range(masses.shape[0]):
+        p = masses[j]
         if p > 0.0:
             entropy -= p * np.log(p)
-            if p > masses[best]:
-                best = k
-    return best, entropy
+        if p > masses[best] or (p == masses[best] and held[j] < held[best]):
+            best = j
+    return held[best], entropy
 
 
 @njit(cache=True, nogil=True)

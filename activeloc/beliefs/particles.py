@@ -237,7 +237,7 @@ class ParticleBelief:
     def summarise(self, robot: int) -> Summary:
         """See :class:`Belief`."""
         cloud = self._cloud(robot)
-        best, entropy = peak(cloud.binned())
+        best, entropy = peak(*cloud.binned())
         pose = cloud.ground.bins.centres(np.array([best]))[0]
         mass = localise(cloud.poses, cloud.normalised(), pose, NEAR_RADIUS, NEAR_ANGLE, 3)
         return Summary(entropy, cloud.ground.uniform_entropy, pose, min(1.0, mass))

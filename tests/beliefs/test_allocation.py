@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from activeloc.beliefs.particle_bins import allocate, shares, wheel_of
+from activeloc.beliefs.particle_bins import allocate, merge, shares, sum_bins, wheel_of
 from activeloc.beliefs.particles import ParticleBelief, ParticleConfig
 from activeloc.beliefs.resampling import stratified, systematic
 from activeloc.beliefs.sample_size import effective_states, kld_count
@@ -292,31 +292,57 @@ def test_an_allocation_of_nonsense_is_refused(allocation):
         ParticleConfig(allocation=allocation)
 
 
-def test_what_is_allocated_is_the_slow_sum_whatever_lies_where_nothing_is():
+def test_the_bins_that_are_held_are_the_slow_sum_and_leave_no_trace():
     poses, weights = random_cloud()
     weights[:200] = 0.0
     ground = weighted(poses, weights, 600)._cloud(0).ground
-    n, bins, power = len(poses), len(ground.bins), 0.6
-    index, wheel = np.full(n, -1, dtype=np.int32), np.full(n, np.nan)
-    masses, factor = np.zeros(bins), np.zeros(bins)
-    mass, squares, states = allocate(
-        poses, weights, ground.corner, ground.shape, power, index, masses, factor, wheel
-    )
-    np.testing.assert_array_equal(index, ground.bins.index(poses))
-    expected = np.bincount(index, weights, bins)
-    np.testing.assert_allclose(masses, expected, rtol=1e-12)
+    slots, n = np.zeros(len(ground.bins), dtype=np.int32), len(poses)
+    index, held, masses = np.full(n, -1, "i4"), np.full(n, -1, "i4"), np.full(n, np.nan)
+    count = sum_bins(poses, weights, ground.corner, ground.shape, slots, index, held, masses)
+    bins = ground.bins.index(poses)
+    assert (slots == 0).all()
+    np.testing.assert_array_equal(np.sort(held[:count]), np.unique(bins))
+    np.testing.assert_array_equal(held[index], bins)
+    expected = np.bincount(bins, weights, len(ground.bins))
+    np.testing.assert_allclose(masses[:count], expected[held[:count]], rtol=1e-12)
+
+
+def test_bins_that_are_named_twice_are_merged():
+    held, masses = np.array([5, 2, 5, 0, 2], dtype="i4"), np.array([1.0, 2.0, 4.0, 8.0, 16.0])
+    slots = np.zeros(7, dtype=np.int32)
+    assert merge(held, masses, slots) == 3
+    np.testing.assert_array_equal(held[:3], [5, 2, 0])
+    np.testing.assert_array_equal(masses[:3], [5.0, 18.0, 8.0])
+    assert (slots == 0).all()
+
+
+def test_the_masses_of_a_cloud_are_those_of_all_its_parts():
+    poses, weights = random_cloud()
+    belief = weighted(poses, weights / weights.sum(), 200)
+    cloud = belief._cloud(0)
+    cloud.n_kept = 250
+    expected = np.bincount(cloud.ground.bins.index(poses), weights / weights.sum())
+    belief.model.resample(cloud, always=True)
+    held, masses = cloud.binned()
+    assert len(np.unique(held)) == len(held)
+    np.testing.assert_allclose(masses, expected[held], rtol=1e-9)
+    assert masses.sum() == pytest.approx(1.0)
+
+
+def test_what_is_allocated_is_the_slow_sum_whatever_lies_where_nothing_is():
+    rng, power = np.random.default_rng(3), 0.6
+    index, weights = rng.integers(0, 9, 600).astype("i4"), rng.random(600)
+    weights[(index == 3) | (index == 7)] = 0.0
+    masses = np.bincount(index, weights, 9)
+    wheel, factor = np.full(600, np.nan), np.full(9, np.nan)
+    mass, squares, states = allocate(weights, index, masses, power, factor, wheel)
     assert mass == pytest.approx(weights.sum())
-    each = np.where(
-        weights > 0.0, weights * np.maximum(expected[index], 1e-300) ** (power - 1), 0.0
-    )
+    each = np.where(weights > 0.0, weights * np.maximum(masses[index], 1e-300) ** (power - 1), 0.0)
     np.testing.assert_allclose(wheel, each.cumsum(), rtol=1e-12)
     assert squares == pytest.approx((each**2).sum())
-    assert states == pytest.approx(effective_states(expected / expected.sum(), power))
-    assert (factor[expected == 0.0] == 0.0).all()
-    nothing = allocate(
-        poses, np.zeros(n), ground.corner, ground.shape, power, index, np.zeros(bins), factor, wheel
-    )
-    assert nothing == (0.0, 0.0, 0.0)
+    assert states == pytest.approx(effective_states(masses / masses.sum(), power))
+    assert (factor[masses == 0.0] == 0.0).all()
+    assert allocate(0.0 * weights, index, np.zeros(9), power, factor, wheel) == (0.0, 0.0, 0.0)
 
 
 def test_survivors_share_the_mass_in_inverse_proportion_to_their_bins_factors():

@@ -116,6 +116,18 @@ def test_those_that_slip_go_another_way_and_keep_their_weight(u):
     np.testing.assert_array_equal(log_w[others], old_log_w[others])
 
 
+@pytest.mark.parametrize("n", [1, 19, 20, 21, 1000])
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.3, 0.999, 1.0])
+def test_every_particle_is_as_likely_to_be_among_a_share(n, share):
+    starts = (np.arange(4_000) + 0.5) / 4_000
+    counts = np.zeros(n)
+    for start in starts:
+        index = kernels.every(share, n, start)
+        assert len(np.unique(index)) == len(index)
+        counts[index] += 1  # Out of bounds it would raise.
+    np.testing.assert_allclose(counts / len(starts), share, atol=2e-3)
+
+
 def test_headings_are_looked_up_to_a_billionth():
     theta = np.concatenate([np.linspace(-pi, BELOW_PI, 50_001), [0.0, BELOW_PI, pi / 2, -pi]])
     got = np.array([kernels.unit(angle) for angle in theta])

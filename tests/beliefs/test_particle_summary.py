@@ -13,9 +13,17 @@ from activeloc.motion import wrap
 def test_the_peak_and_the_entropy_of_probabilities():
     p = np.random.default_rng(0).dirichlet(np.full(60, 0.2))
     p[::3] = 0.0
-    best, nats = peak(p)
+    held = np.random.default_rng(1).permutation(60).astype(np.int32)
+    best, nats = peak(held, p[held])
     assert best == p.argmax()
     assert nats == pytest.approx(entropy(p))
+    assert peak(held[:1], np.zeros(1)) == (held[0], 0.0)
+
+
+def test_of_equal_peaks_it_is_the_first_bin():
+    held = np.array([9, 4, 7, 2], dtype=np.int32)
+    assert peak(held, np.array([0.4, 0.4, 0.1, 0.1]))[0] == 4
+    assert peak(held, np.array([0.2, 0.3, 0.2, 0.3]))[0] == 2
 
 
 @pytest.mark.parametrize("rounds", [0, 1, 3])
