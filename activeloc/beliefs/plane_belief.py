@@ -9,6 +9,7 @@ it back.
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -18,14 +19,13 @@ from activeloc.beliefs import plane_kernels as kernels
 from activeloc.beliefs import plane_motion as motion
 from activeloc.beliefs import plane_poses as found
 from activeloc.beliefs import plane_summary as summary
+from activeloc.beliefs import plane_tiles as tiles
 from activeloc.beliefs.coarse import CoarseBins
 from activeloc.beliefs.grid_tables import GridTables
 from activeloc.beliefs.plane_layout import Sheet, clear_runs, find_runs
 from activeloc.beliefs.scan_likelihood import ScanLikelihood
 
-IN_CACHE = 1 << 17  # States that a pass over planes can come back to soon.
-SPARSE = 8  # A belief with less than one in so many states listed is turned by itself.
-_NOTHING, _NO_TURN = np.empty((0, 0)), np.empty(0)
+_NOTHING, _NO_TURN = np.empty((0, 0)), tiles.Turning(0, np.empty(0), 0, 0, 0.0)
 
 
 class PlaneBelief:
@@ -36,12 +36,12 @@ class PlaneBelief:
         values: ``(K * P,)``, copied; nothing anywhere if None.
     """
 
-    __slots__ = ("_divisor", "_first", "_sheet", "_taps", "tables")
+    __slots__ = ("_divisor", "_sheet", "_turning", "tables")
 
     def __init__(self, tables: GridTables, values: NDArray[np.floating] | None = None) -> None:
         self.tables = tables
         self._sheet = tables.take()
-        self._divisor, self._first, self._taps = 1.0, 0, _NO_TURN
+        self._divisor, self._turning = 1.0, _NO_TURN
         if values is None:
             clear_runs(self._sheet.values, self._sheet.runs, self._sheet.n)
             self._sheet.n = 0
@@ -58,7 +58,7 @@ class PlaneBelief:
         """An independent copy."""
         twin = PlaneBelief(self.tables)
         self._sheet.copy_to(twin._sheet)
-        twin._divisor, twin._first, twin._taps = self._divisor, self._first, self._taps
+        twin._divisor, twin._turning = self._divisor, self._turning
         return twin
 
     def drop(self) -> None:
@@ -73,53 +73,90 @@ class PlaneBelief:
     @property
     def sheet(self) -> Sheet:
         """What the belief is, nothing waiting."""
-        sheet = self._sheet
-        if len(self._taps):
-            to, taps = self.tables.take(), self._waiting_taps()
-            to.n = motion.rotate(
-                sheet.values, sheet.runs, sheet.n, self.tables.layout.size, self._first, taps,
-                to.values, to.runs, to.n, to.flags,
-            )  # fmt: skip
-            self._replace(to)
+        if self._turns:
+            self._replace(self._turned(self._waiting))
         elif self._divisor != 1.0:
+            sheet = self._sheet
             kernels.scale(sheet.values, sheet.runs, sheet.n, 1.0 / self._divisor)
             self._divisor = 1.0
         return self._sheet
 
-    def _waiting_taps(self) -> NDArray[np.floating]:
-        """``(J,)``; weights of the turn that waits, divided, filled up to fours; none if none."""
-        taps = np.zeros(-(-len(self._taps) // 4) * 4, dtype=self.tables.precision)
-        taps[: len(self._taps)] = self._taps / self._divisor
-        return taps
+    @property
+    def _turns(self) -> bool:
+        """Whether a turn waits."""
+        return len(self._turning.taps) > 0
 
-    def _turn_alone(self, always: bool = False) -> None:
-        """Turn before the next pass where that is cheaper: always, or if there is little to turn.
+    @property
+    def _waiting(self) -> tiles.Turning:
+        """The turn that waits, divided; its taps filled up to fours, unless one is left over."""
+        turning, by = self._turning, 1.0 / self._divisor
+        n = len(turning.taps)
+        taps = np.zeros(n if n % 4 < 2 else n + 4 - n % 4, dtype=self.tables.precision)
+        taps[:n] = turning.taps * by
+        return turning._replace(taps=taps, flat=turning.flat * by)
 
-        A turn on the way goes through all that is reached, from all sides.
-        """
-        if len(self._taps):
-            layout, sheet = self.tables.layout, self._sheet
-            listed = kernels.states_of(sheet.runs, sheet.n)
-            if always or SPARSE * listed < layout.headings * layout.size:
-                _ = self.sheet
+    def _turned(self, turning: tiles.Turning) -> Sheet:
+        """Another sheet with this one turned."""
+        of, to = self._sheet, self.tables.take()
+        to.n = tiles.rotate(
+            of.values, of.runs, of.n, self.tables.layout.size, turning,
+            to.values, to.runs, to.n, to.flags,
+        )  # fmt: skip
+        return to
 
     def _replace(self, sheet: Sheet) -> None:
         """Go over to another sheet, on which nothing waits."""
         self.tables.give(self._sheet)
-        self._sheet, self._taps, self._divisor = sheet, _NO_TURN, 1.0
+        self._sheet, self._turning, self._divisor = sheet, _NO_TURN, 1.0
 
     def _find(self) -> None:
         """Look where the mass is."""
         sheet = self._sheet
         sheet.n = find_runs(sheet.values, sheet.flags, self.tables.layout.size, sheet.runs)
 
-    def rotate(self, first: int, taps: NDArray[np.float64]) -> None:
-        """Turn by so many bins with each of the weights ``(J,)``."""
-        if len(self._taps):
-            first, taps = self._first + first, np.convolve(self._taps, taps)
-        self._first, self._taps = first, taps
-        if len(taps) > self.tables.layout.headings:
+    def rotate(
+        self,
+        first: int,
+        taps: NDArray[np.float64],
+        flat_first: int = 0,
+        n_flat: int = 0,
+        flat: float = 0.0,
+    ) -> None:
+        """Turn by so many bins with each of the weights ``(J,)``; see :class:`Turning`."""
+        turning = tiles.Turning(first, np.asarray(taps, dtype=np.float64), flat_first, n_flat, flat)
+        headings = self.tables.layout.headings
+        if self._turns:
+            one, two = _as_taps(self._turning), _as_taps(turning)
+            turning = one._replace(
+                first=one.first + two.first, taps=np.convolve(one.taps, two.taps)
+            )
+        if turning.n_flat >= headings:
+            turning = _as_taps(turning)
+        if len(turning.taps) > headings:
+            taps = np.zeros(headings)
+            np.add.at(taps, np.arange(len(turning.taps)) % headings, turning.taps)
+            turning = turning._replace(taps=taps)
+        self._turning = turning
+
+    def settle(self) -> None:
+        """Turn now if a turn waits."""
+        if self._turns:
             _ = self.sheet
+
+    def turned(self, first: int, n: int) -> PlaneBelief:
+        """A copy of what there is, turned by n shifts [bin] alike; nothing waits on it."""
+        self.settle()
+        twin = copy(self)
+        twin.rotate(0, np.zeros(1), first, n, 1.0 / n)
+        twin._sheet, twin._turning, twin._divisor = self._turned(twin._waiting), _NO_TURN, 1.0
+        return twin
+
+    def mix_turned(self, share: float, first: int, n: int) -> None:
+        """Of the turn that waits, let a share be n shifts [bin] alike instead."""
+        turning = self._turning
+        taps = turning.taps if self._turns else np.ones(1)
+        self._turning = _NO_TURN
+        self.rotate(turning.first, np.asarray((1.0 - share) * taps), first, n, share / n)
 
     def travel(self, level: int, hops: int, floor: float) -> float:
         """Travel ``level`` half cells, back if negative; returns the mass that is left.
@@ -130,21 +167,18 @@ class PlaneBelief:
             floor: Weight of ways that an obstacle cuts short, in [0, 1].
         """
         tables, layout, precision = self.tables, self.tables.layout, self.tables.precision
-        self._turn_alone((len(self._taps) + 2) * layout.size > IN_CACHE)
+        self.settle()
         travel = tables.travel.level(abs(level), hops)
         of, to, divisor = self._sheet, tables.take(), self._divisor
         start, shift, weight = travel.fours(precision)
-        turns = len(self._taps) > 0
         to.n, mass = motion.translate(
-            of.values, of.runs, of.n, layout.size, self._first, self._waiting_taps(),
+            of.values, of.runs, of.n, layout.size,
             0 if level > 0 else layout.headings // 2, layout.cols,
             start, shift, weight, travel.box, travel.plain, travel.edge_start,
             travel.source, travel.target, travel.mixed(floor, precision),
             to.values, to.runs, to.n, to.flags,
         )  # fmt: skip
         self._replace(to)
-        if turns:
-            return float(mass)
         self._divisor = divisor
         return float(mass) / divisor
 
@@ -168,12 +202,10 @@ class PlaneBelief:
         if not scan.as_product:
             sheet = self.sheet
             return scan.add_logarithms(sheet.values, sheet.runs, sheet.n, size)
-        self._turn_alone()
-        of, taps = self._sheet, self._waiting_taps()
-        to = self.tables.take() if len(taps) else of
-        divisor = 1.0 if len(taps) else self._divisor
+        of = self._sheet
+        to, divisor = (self.tables.take(), 1.0) if self._turns else (of, self._divisor)
         to.n, total, shift = scan.multiply(
-            of.values, of.runs, of.n, size, self._first, taps, divisor,
+            of.values, of.runs, of.n, size, self._waiting, divisor,
             to.values, to.runs, to.n, to.flags,
         )  # fmt: skip
         if to is not of:
@@ -214,7 +246,7 @@ class PlaneBelief:
         if least == 0.0:
             self.divide(mass)
             return 1.0
-        sheet = self._sheet if not len(self._taps) else self.sheet
+        sheet = self.sheet if self._turns else self._sheet
         sheet.n, kept = kernels.normalise(
             sheet.values, sheet.runs, sheet.n, self.tables.layout.size, mass * self._divisor,
             least, sheet.flags,
@@ -282,3 +314,15 @@ class PlaneBelief:
         found.at_shares(sheet.values, sheet.runs, sheet.n, shares, states)
         heading, place = np.divmod(states, self.tables.layout.size)
         return self.tables.poses.index.ravel()[place], heading
+
+
+def _as_taps(turning: tiles.Turning) -> tiles.Turning:
+    """The same turn, its flat part among the taps."""
+    if turning.n_flat == 0:
+        return turning
+    first = min(turning.first, turning.flat_first)
+    last = max(turning.first + len(turning.taps), turning.flat_first + turning.n_flat)
+    taps = np.zeros(last - first)
+    taps[turning.first - first :][: len(turning.taps)] = turning.taps
+    taps[turning.flat_first - first :][: turning.n_flat] += turning.flat
+    return tiles.Turning(first, taps, 0, 0, 0.0)

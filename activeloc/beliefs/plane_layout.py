@@ -184,19 +184,3 @@ def clear_rest(
             if flags[b] == 0:
                 values[b * BLOCK : (b + 1) * BLOCK] = 0.0
             b += 1
-
-
-@njit(cache=True, nogil=True)
-def by_chunk(runs: NDArray[np.int32], n: int, size: int) -> NDArray[np.int32]:
-    """``(n,)``; the runs chunk by chunk of places, all planes of each together."""
-    first = np.zeros(size // CHUNK + 2, dtype=np.int32)
-    for r in range(n):
-        first[runs[r, 0] % size // CHUNK + 1] += 1
-    for i in range(1, first.shape[0]):
-        first[i] += first[i - 1]
-    order = np.empty(n, dtype=np.int32)
-    for r in range(n):
-        chunk = runs[r, 0] % size // CHUNK
-        order[first[chunk]] = r
-        first[chunk] += 1
-    return order

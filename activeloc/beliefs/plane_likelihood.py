@@ -8,72 +8,106 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.beliefs.plane_layout import CHUNK, by_chunk, clear_rest, collect
-from activeloc.beliefs.plane_motion import mark_turned, turn_run
+from activeloc.beliefs.plane_layout import BLOCK, CHUNK, clear_rest, collect
+from activeloc.beliefs.plane_tiles import (
+    WIDE,
+    Turning,
+    holds,
+    scratch_of,
+    store_tile,
+    tiles_of,
+    turn_tile,
+)
 
-SHORT = 16  # Runs up to this long are gone through state by state, skipping the empty ones.
+ROOM = 1 << 15  # Likelihoods of a tile that are kept at a time: what fits fast memory.
 
 
 @njit(cache=True, nogil=True)
-def _multiply_run(
-    of: NDArray[np.float32],
-    by: np.float32,
-    row: NDArray[np.uint16],
-    starts: NDArray[np.int64],
-    p: NDArray[np.float32],
-    readings: NDArray[np.int32],
-    sums: NDArray[np.float64],
-) -> None:
-    """Weigh one run; see :func:`multiply`.
+def _number_readings(
+    readings: NDArray[np.int32], which: NDArray[np.int64], distinct: NDArray[np.int32]
+) -> int:
+    """Number readings ``(A,)`` as they first come; returns how many are distinct.
 
     Args:
-        of: ``(length,)``, overwritten.
-        by: ``scale``, of the belief's precision.
-        row: See there.
-        starts: ``(A,)``; where the rows of each beam begin.
-        p: See there.
-        readings: See there.
-        sums: ``(CHUNK,)``; added to.
+        readings: Of the beams.
+        which: ``(A,)``, overwritten with the number of each beam's, and
+        distinct: ``(A,)``, with the reading of each number.
     """
-    length, n_beams = of.shape[0], readings.shape[0]
-    if length <= SHORT:
-        for i in range(length):
-            if of[i] > 0.0:
-                q = of[i] * by
-                for b in range(n_beams):
-                    q *= p[readings[b], row[np.uint64(starts[b] + i)]]
-                of[i] = q
-                sums[i] += q
-        return
-    b = 0
-    while b < n_beams:
-        # Four beams in one pass, or three, so that few are left alone.
-        left = n_beams - b
-        many = min(4, left) if left != 5 else 3
-        row_a, p_a = row[starts[b] :], p[readings[b]]
-        row_b, p_b = row_a, p_a
-        row_c, p_c = row_a, p_a
-        if many > 1:
-            row_b, p_b = row[starts[b + 1] :], p[readings[b + 1]]
-        if many > 2:
-            row_c, p_c = row[starts[b + 2] :], p[readings[b + 2]]
-        if many == 4:
-            row_d, p_d = row[starts[b + 3] :], p[readings[b + 3]]
-            for i in range(length):
-                of[i] *= (p_a[row_a[i]] * p_b[row_b[i]]) * (p_c[row_c[i]] * p_d[row_d[i]])
-        elif many == 3:
-            for i in range(length):
-                of[i] *= (p_a[row_a[i]] * p_b[row_b[i]]) * p_c[row_c[i]]
-        elif many == 2:
-            for i in range(length):
-                of[i] *= p_a[row_a[i]] * p_b[row_b[i]]
-        else:
-            for i in range(length):
-                of[i] *= p_a[row_a[i]]
-        b += many
-    for i in range(length):
-        of[i] *= by
-        sums[i] += of[i]
+    n = 0
+    for b in range(readings.shape[0]):
+        i = 0
+        while i < n and distinct[i] != readings[b]:
+            i += 1
+        if i == n:
+            distinct[n] = readings[b]
+            n += 1
+        which[b] = i
+    return n
+
+
+@njit(cache=True, nogil=True)
+def _look_up(
+    row: NDArray[np.uint16],
+    at: np.uint64,
+    p: NDArray[np.float32],
+    out: NDArray[np.float32],
+    to: np.uint64,
+    n: np.uint64,
+) -> None:
+    """Likelihoods ``p (R,)`` of one reading along a stretch of rows."""
+    for i in range(n):
+        out[to + i] = p[row[at + i]]
+
+
+@njit(cache=True, nogil=True)
+def _weigh_row(
+    of: NDArray[np.float32],
+    at: np.uint64,
+    n: np.uint64,
+    by: NDArray[np.float32],
+    where: NDArray[np.uint64],
+) -> None:
+    """Multiply a row by the likelihoods of all beams, four in one pass.
+
+    Args:
+        of: Overwritten from ``at`` on,
+        at: see above,
+        n: so many, a multiple of the block.
+        by: Likelihoods; those of each beam from
+        where: ``(A,)`` on.
+    """
+    left, b = where.shape[0], 0
+    while left > 0:
+        many = min(left, 4)
+        i0, i1 = where[b], where[b + min(1, many - 1)]
+        i2, i3 = where[b + min(2, many - 1)], where[b + many - 1]
+        for first in range(np.uint64(0), n, np.uint64(BLOCK)):
+            to, a, c, d, e = at + first, i0 + first, i1 + first, i2 + first, i3 + first
+            if many == 4:
+                for i in range(np.uint64(BLOCK)):
+                    of[to + i] *= (by[a + i] * by[c + i]) * (by[d + i] * by[e + i])
+            elif many == 3:
+                for i in range(np.uint64(BLOCK)):
+                    of[to + i] *= (by[a + i] * by[c + i]) * by[d + i]
+            elif many == 2:
+                for i in range(np.uint64(BLOCK)):
+                    of[to + i] *= by[a + i] * by[c + i]
+            else:
+                for i in range(np.uint64(BLOCK)):
+                    of[to + i] *= by[a + i]
+        b, left = b + many, left - many
+
+
+@njit(cache=True, nogil=True)
+def _scale(
+    of: NDArray[np.float32], n: np.uint64, factor: float | np.floating, sums: NDArray[np.float64]
+) -> None:
+    """Multiply the first n of a tile by a factor and add them up, in many parts at once."""
+    step = np.uint64(sums.shape[0])
+    for first in range(np.uint64(0), n, step):
+        for i in range(min(step, n - first)):
+            of[first + i] *= factor
+            sums[i] += of[first + i]
 
 
 @njit(cache=True, nogil=True)
@@ -82,8 +116,7 @@ def multiply(
     runs: NDArray[np.int32],
     n: int,
     size: int,
-    first: int,
-    taps: NDArray[np.float32],
+    turning: Turning,
     row: NDArray[np.uint16],
     p: NDArray[np.float32],
     readings: NDArray[np.int32],
@@ -97,20 +130,22 @@ def multiply(
 ) -> tuple[int, float]:
     """bel(x) = scale p(z | x) bel(x), a product over the beams, after a turn.
 
+    A reading is looked up once in a tile for each direction, whichever beam and heading asks: many
+    beams read the same, that nothing is in range above all.
+
     Args:
-        values: ``(K * P,)``; overwritten if there is no turn.
+        values: ``(K * P,)``.
         runs: Of ``values``.
         n: How many.
         size: P.
-        first: Of the turn, and
-        taps: ``(J,)``; see :func:`plane_motion.rotate`. No turn if there is none.
+        turning: The turn; see :func:`plane_tiles.rotate`.
         row: ``(D * P,)``.
         p: ``(Z, R)`` of likelihoods.
         readings: ``(A,)``; row of ``p`` for each beam.
         offsets: ``(A,)``.
         per_heading: Directions per heading bin.
         scale: What every state is multiplied by besides.
-        out: ``(K * P,)``, overwritten after a turn.
+        out: ``(K * P,)``, overwritten; may be ``values``, and ``out_runs`` the runs.
         out_runs: What ``out`` holds before; overwritten with what it holds afterwards.
         n_out: How many runs that was.
         flags: Zeros.
@@ -119,25 +154,42 @@ def multiply(
         How many runs the belief has now, and its sum.
     """
     n_directions, n_headings = row.shape[0] // size, values.shape[0] // size
-    turns = taps.shape[0] > 0
-    if turns:
-        mark_turned(runs, n, size, n_headings, first, taps, flags)
-        clear_rest(out, out_runs, n_out, flags)
-        n = collect(flags, size, out_runs)
-        runs = out_runs
-    by, sums = values.dtype.type(scale), np.zeros(CHUNK)
-    starts, held = np.empty(readings.shape[0], dtype=np.int64), out if turns else values
-    # A chunk of places for all headings: the directions' rows stay in fast memory.
-    for r in by_chunk(runs, n, size):
-        k = runs[r, 0] // size
-        of = held[runs[r, 0] : runs[r, 1]]
-        if turns:
-            turn_run(values, size, runs[r, 0], first, taps, of)
-        for b in range(readings.shape[0]):
-            direction = (k * per_heading + offsets[b]) % n_directions
-            starts[b] = (direction - k) * size + runs[r, 0]
-        _multiply_run(of, by, row, starts, p, readings, sums)
-    return n, sums.sum()
+    n_beams = readings.shape[0]
+    which, distinct = np.empty(n_beams, dtype=np.int64), np.empty(n_beams, dtype=readings.dtype)
+    n_distinct = _number_readings(readings, which, distinct)
+    wide = (
+        1
+        if turning.n_flat > 0
+        else min(WIDE, max(1, ROOM // max(1, n_distinct * n_directions * BLOCK)))
+    )
+    tiles, alive = tiles_of(runs, n, size, n_headings, wide)
+    scratch = scratch_of(values, size, turning, tiles)
+    width = scratch.turned.shape[0] // n_headings
+    known = np.full(n_distinct * n_directions, -1, dtype=np.int32)
+    by = np.empty(n_distinct * n_directions * width, dtype=values.dtype)
+    where, sums = np.empty(n_beams, dtype=np.uint64), np.zeros(CHUNK)
+    factor = values.dtype.type(scale)
+    for t in range(tiles.shape[0]):
+        k, n_rows = turn_tile(values, size, tiles[t], alive[t], turning, scratch)
+        start, stop = tiles[t]
+        length, first, of = np.uint64(stop - start), k, scratch.turned
+        for i in range(n_rows if n_beams > 0 else 0):
+            at = np.uint64(i) * length
+            if holds(of, at, length):
+                for b in range(n_beams):
+                    direction = (k * per_heading + offsets[b]) % n_directions
+                    slot = which[b] * n_directions + direction
+                    where[b] = np.uint64(slot * width)
+                    if known[slot] != t:
+                        known[slot] = t
+                        here = np.uint64(direction * size + start)
+                        _look_up(row, here, p[readings[b]], by, where[b], length)
+                _weigh_row(of, at, length, by, where)
+            k = k + 1 if k + 1 < n_headings else 0
+        _scale(of, np.uint64(n_rows) * length, factor, sums)
+        store_tile(of, n_rows, first, tiles[t], out, size, flags)
+    clear_rest(out, out_runs, n_out, flags)
+    return collect(flags, size, out_runs), sums.sum()
 
 
 @njit(cache=True, nogil=True)

@@ -1,4 +1,4 @@
-"""Kernels of the histogram filter on planes: turns and travels, for one robot.
+"""Kernels of the histogram filter on planes: travels, for one robot.
 
 As in :mod:`activeloc.beliefs.plane_kernels`; sums of many states are added up as there.
 """
@@ -7,8 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.beliefs.plane_kernels import states_of
-from activeloc.beliefs.plane_layout import BLOCK, CHUNK, by_chunk, clear_rest, collect, mark
+from activeloc.beliefs.plane_layout import BLOCK, CHUNK, clear_rest, collect, mark
 
 
 @njit(cache=True, nogil=True)
@@ -29,110 +28,6 @@ def _blend(
     else:
         for i in range(out.shape[0]):
             out[i] += (wa * a[i] + wb * b[i]) + (wc * c[i] + wd * d[i])
-
-
-@njit(cache=True, nogil=True)
-def mark_turned(
-    runs: NDArray[np.int32],
-    n: int,
-    size: int,
-    n_headings: int,
-    first: int,
-    taps: NDArray[np.float32],
-    flags: NDArray[np.uint8],
-) -> None:
-    """Flag what a turn reaches; see :func:`rotate`."""
-    for r in range(n):
-        k = runs[r, 0] // size
-        for j in range(taps.shape[0]):
-            if taps[j] != 0.0:
-                there = ((k + first + j) % n_headings - k) * size
-                mark(flags, runs[r, 0] + there, runs[r, 1] + there)
-
-
-@njit(cache=True, nogil=True)
-def turn_run(
-    values: NDArray[np.float32],
-    size: int,
-    start: int,
-    first: int,
-    taps: NDArray[np.float32],
-    out: NDArray[np.float32],
-) -> None:
-    """One run of a turned belief, from state ``start`` on; see :func:`rotate`."""
-    n_headings, length = values.shape[0] // size, out.shape[0]
-    k = start // size
-    start -= k * size
-    for j in range(0, taps.shape[0], 4):
-        a = ((k - first - j) % n_headings) * size + start
-        b = ((k - first - j - 1) % n_headings) * size + start
-        c = ((k - first - j - 2) % n_headings) * size + start
-        d = ((k - first - j - 3) % n_headings) * size + start
-        _blend(
-            out, j == 0, values[a : a + length], values[b : b + length],
-            values[c : c + length], values[d : d + length], taps[j : j + 4],
-        )  # fmt: skip
-
-
-@njit(cache=True, nogil=True)
-def rotate(
-    values: NDArray[np.float32],
-    runs: NDArray[np.int32],
-    n: int,
-    size: int,
-    first: int,
-    taps: NDArray[np.float32],
-    out: NDArray[np.float32],
-    out_runs: NDArray[np.int32],
-    n_out: int,
-    flags: NDArray[np.uint8],
-) -> int:
-    """out(k) = sum over j of taps[j] values(k - first - j), plane by plane around the circle.
-
-    Args:
-        values: ``(K * P,)``.
-        runs: Of ``values``, the first n.
-        n: How many.
-        size: P.
-        first: Shift of the first tap [bin].
-        taps: ``(J,)``, of the belief's precision, J a multiple of four.
-        out: ``(K * P,)``, overwritten.
-        out_runs: What ``out`` holds before; overwritten with what it holds afterwards.
-        n_out: How many runs that was.
-        flags: Zeros.
-
-    Returns:
-        How many runs ``out`` has.
-    """
-    n_headings = values.shape[0] // size
-    mark_turned(runs, n, size, n_headings, first, taps, flags)
-    clear_rest(out, out_runs, n_out, flags)
-    n_out = collect(flags, size, out_runs)
-    if 2 * states_of(runs, n) > states_of(out_runs, n_out):
-        for r in by_chunk(out_runs, n_out, size):
-            to = out[out_runs[r, 0] : out_runs[r, 1]]
-            turn_run(values, size, out_runs[r, 0], first, taps, to)
-        return n_out
-    # Most of what is reached is empty from most sides: from there outwards instead.
-    for r in range(n_out):
-        out[out_runs[r, 0] : out_runs[r, 1]] = 0.0
-    for r in range(n):
-        k = runs[r, 0] // size
-        for j in range(taps.shape[0]):
-            if taps[j] != 0.0:
-                there = ((k + first + j) % n_headings - k) * size
-                for at in range(runs[r, 0], runs[r, 1], BLOCK):
-                    _add_block(out, np.uint64(at + there), values, np.uint64(at), taps[j])
-    return n_out
-
-
-@njit(cache=True, nogil=True)
-def _add_block(
-    out: NDArray[np.float32], to: np.uint64, values: NDArray[np.float32], of: np.uint64, by: float
-) -> None:
-    """Add a multiple of one block to another; unsigned, so that no index counts from the end."""
-    for i in range(np.uint64(BLOCK)):
-        out[to + i] += by * values[of + i]
 
 
 @njit(cache=True, nogil=True)
@@ -163,8 +58,6 @@ def translate(
     runs: NDArray[np.int32],
     n: int,
     size: int,
-    first: int,
-    taps: NDArray[np.float32],
     turned: int,
     cols: int,
     stencil_start: NDArray[np.int64],
@@ -181,15 +74,13 @@ def translate(
     n_out: int,
     flags: NDArray[np.uint8],
 ) -> tuple[int, float]:
-    """out(x') = sum over x of p(x' | x) values(x), after a turn; plane by plane.
+    """out(x') = sum over x of p(x' | x) values(x), plane by plane.
 
     Args:
         values: ``(K * P,)``.
         runs: Of ``values``, the first n.
         n: How many.
         size: P.
-        first: Of the turn, and
-        taps: ``(J,)``; see :func:`rotate`. No turn if there is none.
         turned: Heading bins between the robot's heading and the way it travels: 0, or K / 2 back.
         cols: Places in a row.
         stencil_start: ``(K + 1,)``; see :class:`activeloc.beliefs.travel_table.Travel` for these.
@@ -210,10 +101,6 @@ def translate(
         How many runs ``out`` has, and its sum.
     """
     n_headings, zero = values.shape[0] // size, values.dtype.type(0)
-    if taps.shape[0] > 0:
-        mark_turned(runs, n, size, n_headings, first, taps, flags)
-        runs = np.empty_like(out_runs)
-        n = collect(flags, size, runs)
     _mark_travelled(runs, n, size, n_headings, turned, cols, box, flags)
     clear_rest(out, out_runs, n_out, flags)
     n_out = collect(flags, size, out_runs)
@@ -221,16 +108,14 @@ def translate(
     for e in range(stencil_shift.shape[0]):
         margin = max(margin, abs(stencil_shift[e]))
     open_ground = np.zeros(size + 2 * margin, dtype=values.dtype)
-    plane, sums = np.empty(size, dtype=values.dtype), np.zeros(CHUNK)
+    sums = np.zeros(CHUNK)
     r, o = 0, 0
     while r < n:
         k = runs[r, 0] // size
         way, low, begin, written = (k + turned) % n_headings, k * size, r, o
-        here = values[low : low + size] if taps.shape[0] == 0 else plane
+        here = values[low : low + size]
         while r < n and runs[r, 0] < low + size:
             start, stop = runs[r, 0] - low, runs[r, 1] - low
-            if taps.shape[0] > 0:
-                turn_run(values, size, runs[r, 0], first, taps, here[start:stop])
             _keep(
                 open_ground[start + margin : stop + margin], here[start:stop],
                 plain[way * size + start : way * size + stop],

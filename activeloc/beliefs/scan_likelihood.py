@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeloc.beliefs import plane_likelihood as kernels
+from activeloc.beliefs.plane_tiles import Turning
 from activeloc.beliefs.reading_table import ReadingTable
 
 SPAN = 60.0  # Greatest log-range of a product: exp(-60) times the least state is a float32 still.
@@ -83,8 +84,7 @@ class ScanLikelihood:
         runs: NDArray[np.int32],
         n: int,
         size: int,
-        first: int,
-        taps: NDArray[np.floating],
+        turning: Turning,
         divisor: float,
         out: NDArray[np.floating],
         out_runs: NDArray[np.int32],
@@ -99,7 +99,7 @@ class ScanLikelihood:
         """
         table, shift = self.table, self._highest
         n, total = kernels.multiply(
-            values, runs, n, size, first, taps, table.planes, self.powered.p, self.readings,
+            values, runs, n, size, turning, table.planes, self.powered.p, self.readings,
             table.offsets[self.beams], table.per_heading, exp(-shift) / divisor,
             out, out_runs, n_out, flags,
         )  # fmt: skip

@@ -107,8 +107,11 @@ class Track:
     def predict(self, u: NDArray[np.float64], noise: MotionNoise, touched: bool) -> None:
         """See :meth:`HistogramBelief.predict`."""
         self.past.begin(self.elsewhere)
-        was = self.bel.copy() if self._is_slipping(u) else None
         first, trans, last = float(u[0]), float(u[1]), float(u[2])
+        slips, was = self._is_slipping(u), None
+        if slips:
+            self.bel.settle()
+            was = self.bel.turned(*self._spread(first + last)) if trans != 0.0 else None
         bend = noise.rotation_from_translation * abs(trans)
         self._turn(first, (noise.rotation_from_rotation * first) ** 2)
         self._travel(trans)
@@ -116,8 +119,10 @@ class Track:
         # share of the final heading is added here, in one convolution with the second's.
         self._turn(last, (noise.rotation_from_rotation * last) ** 2 + 2.0 * bend**2)
         if was is not None:
-            self._slip(was, first + last, trans)
+            self._slip(was, trans)
             was.drop()
+        elif slips:
+            self.bel.mix_turned(self.config.slip, *self._spread(first + last))
         self.place.move(u)
         if touched and self.place.refuse() and self.config.contact_floor < 1.0:
             self._touch(self.config.contact_floor)
@@ -134,23 +139,26 @@ class Track:
         most = SPARSE * len(self.tables.layout.place)
         return self.bel.cells_held(int(most)) <= most
 
-    def _slip(self, was: PlaneBelief, turn: float, trans: float) -> None:
-        """Mix in what a badly wrong reading may stand for: :func:`activeloc.motion.slipped`.
+    def _spread(self, turn: float) -> tuple[int, int]:
+        """Turns that a badly wrong reading may stand for, alike: first [bin], and how many.
+
+        See :func:`activeloc.motion.slipped`.
+        """
+        width = self.tables.poses.bin_width
+        reach = round(SLIP_ANGLE / width)
+        return round(turn / width) - reach, 2 * reach + 1
+
+    def _slip(self, was: PlaneBelief, trans: float) -> None:
+        """Mix in what a badly wrong reading of a travel may stand for.
 
         Of its travels only two: none, and half a metre the way that was read.
 
         Args:
-            was: The belief before, overwritten.
-            turn: Read, in all [rad].
+            was: The belief before, turned as it may have been; overwritten.
             trans: Read [m].
         """
-        share, width = self.config.slip, self.tables.poses.bin_width
-        reach = round(SLIP_ANGLE / width)
-        was.rotate(round(turn / width) - reach, np.full(2 * reach + 1, 1.0 / (2 * reach + 1)))
-        self.bel.scale(1.0 - share)
-        if trans == 0.0:
-            self.bel.add(was, share)
-            return
+        share = self.config.slip
+        self.bel.divide(1.0 / (1.0 - share))
         self.bel.add(was, 0.5 * share)
         travel = self.tables.travel
         level = min(round(SLIP_TRAVEL / travel.step), travel.longest_level)

@@ -19,6 +19,7 @@ from activeloc.beliefs import plane_motion as motion
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig, turn_taps
 from activeloc.beliefs.plane_belief import PlaneBelief
 from activeloc.beliefs.plane_layout import BLOCK, find_runs
+from activeloc.beliefs.plane_tiles import Turning, rotate
 from activeloc.errors import ConfigError, ScanError
 from activeloc.grid import OccupancyGrid
 from activeloc.maps.text import from_text
@@ -204,10 +205,10 @@ def sense(bel, p):
     values, runs, flags = plane(bel)
     row, one = np.zeros(BLOCK, dtype=np.uint16), np.zeros(1, dtype=np.int32)
     row[1] = 1
+    still = Turning(0, np.empty(0), 0, 0, 0.0)
     _, total = likelihood.multiply(
-        values, runs, 1, BLOCK, 0, np.empty(0), row, np.array([p]), one, one, 1, 1.0,
-        values, runs, 0, flags,
-    )  # fmt: skip
+        values, runs, 1, BLOCK, still, row, np.array([p]), one, one, 1, 1.0, values, runs, 0, flags
+    )
     kernels.normalise(values, runs, 1, BLOCK, total, 0.0, flags)
     return values[:2]
 
@@ -217,7 +218,7 @@ def act(bel, rows):
     values, runs, flags = plane(bel)
     out, out_runs, _ = plane([0.0, 0.0])
     n, total = motion.translate(
-        values, runs, 1, BLOCK, 0, np.empty(0), 0, 2,
+        values, runs, 1, BLOCK, 0, 2,
         np.zeros(2, np.int64), np.zeros(0, np.int32), np.zeros(0),
         np.array([[0, 0, 0, 1]], np.int32), np.zeros(BLOCK, np.uint8), np.array([0, 4]),
         np.array([0, 0, 1, 1], np.uint16), np.array([0, 1, 0, 1], np.uint16), np.ravel(rows),
@@ -286,9 +287,8 @@ def test_rotation_keeps_mass_and_matches_its_definition():
         n = find_runs(bel.ravel(), flags, size, runs)
         n_out = find_runs(out.ravel(), flags, size, everything)
         assert (n, n_out) == (4, 10)
-        n_out = motion.rotate(
-            bel.ravel(), runs, n, size, first, taps, out.ravel(), everything, n_out, flags
-        )
+        turning = Turning(first, taps, 0, 0, 0.0)
+        n_out = rotate(bel.ravel(), runs, n, size, turning, out.ravel(), everything, n_out, flags)
         np.testing.assert_allclose(out, expected, atol=1e-14)
         assert out.sum() == pytest.approx(bel.sum(), abs=1e-12)
         held = np.zeros(out.size, dtype=bool)

@@ -9,7 +9,8 @@ import pytest
 from activeloc.beliefs.coarse import CoarseBins
 from activeloc.beliefs.grid_tables import tables_of
 from activeloc.beliefs.plane_belief import PlaneBelief
-from activeloc.beliefs.plane_layout import BLOCK, CHUNK, PlaneLayout, by_chunk
+from activeloc.beliefs.plane_layout import BLOCK, CHUNK, PlaneLayout
+from activeloc.beliefs.plane_tiles import tiles_of
 from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.beliefs.scan_likelihood import ScanLikelihood
 from activeloc.beliefs.settings import HistogramConfig
@@ -101,14 +102,23 @@ def test_a_cell_is_a_place_of_its_plane():
     assert layout.size >= poses.shape[0] * poses.shape[1]
 
 
-def test_runs_chunk_by_chunk_are_all_the_runs(tables):
-    bel = PlaneBelief.of(tables, spots(tables, 30, 4))
-    sheet, size = bel.sheet, tables.layout.size
-    order = by_chunk(sheet.runs, sheet.n, size)
-    assert sorted(order) == list(range(sheet.n))
-    chunks = sheet.runs[order, 0] % size // CHUNK
-    assert (np.diff(chunks) >= 0).all()
-    assert len(np.unique(chunks)) > 1
+@pytest.mark.parametrize("wide", [1, 2, 7])
+@pytest.mark.parametrize("belief", BELIEFS)
+def test_tiles_cover_the_places_that_hold_anything(tables, belief, wide):
+    """Once each, in ascending order; all headings that hold anything there are alive."""
+    sheet, size = PlaneBelief.of(tables, belief(tables)).sheet, tables.layout.size
+    tiles, alive = tiles_of(sheet.runs, sheet.n, size, 24, wide)
+    assert (np.diff(tiles.ravel()) >= 0).all()
+    lengths = np.diff(tiles, axis=1)
+    assert (lengths > 0).all()
+    assert lengths.max() <= wide * BLOCK
+    assert (tiles % BLOCK == 0).all()
+    held = sheet.values.reshape(24, size) > 0.0
+    for (start, stop), live in zip(tiles, alive, strict=True):
+        assert live[held[:, start:stop].any(axis=1)].all()
+        assert live.any()
+        held[:, start:stop] = False
+    assert not held.any()
 
 
 # --- what waits ----------------------------------------------------------------------------------
@@ -125,6 +135,32 @@ def test_turns_that_wait_are_one_turn(tables, belief):
     bel.divide(4.0)
     np.testing.assert_allclose(bel.by_cell, expected / 4.0, rtol=0, atol=1e-15)
     check_sheet(bel)
+
+
+@pytest.mark.parametrize("belief", BELIEFS)
+@pytest.mark.parametrize(
+    ("first", "n_flat"), [(-2, 5), (3, 1), (-9, 19), (20, 23), (4, 24), (0, 31)]
+)
+@pytest.mark.parametrize("n_taps", [1, 3, 6, 13])
+def test_a_turn_may_have_a_flat_part(tables, belief, first, n_flat, n_taps):
+    """As wide as the circle and wider; alone, before another turn, and after one."""
+    p, taps = belief(tables), np.random.default_rng(0).dirichlet(np.ones(n_taps)) * 0.8
+    flat = 0.2 / n_flat
+    expected = turned(p, -1, taps) + turned(p, first, np.full(n_flat, flat))
+    bel = PlaneBelief.of(tables, p)
+    bel.rotate(-1, taps, first, n_flat, flat)
+    np.testing.assert_allclose(bel.by_cell, expected, rtol=0, atol=1e-15)
+    check_sheet(bel)
+    assert ((bel.by_cell > 0.0) == (expected > 0.0)).all()
+    more = np.array([0.5, 0.5])
+    for twice in (False, True):
+        bel = PlaneBelief.of(tables, p)
+        if twice:
+            bel.rotate(5, more)
+        bel.rotate(-1, taps, first, n_flat, flat)
+        if not twice:
+            bel.rotate(5, more)
+        np.testing.assert_allclose(bel.by_cell, turned(expected, 5, more), rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("belief", BELIEFS)
@@ -156,7 +192,7 @@ def likelihood(tables, scan):
 
 
 @pytest.mark.parametrize("belief", BELIEFS)
-@pytest.mark.parametrize("n_beams", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("n_beams", [0, 1, 2, 3, 4, 5])
 @pytest.mark.parametrize("turns", [False, True])
 def test_a_turn_may_wait_for_a_scan(tables, belief, n_beams, turns):
     """Runs of one block and longer ones, any number of beams in a pass."""

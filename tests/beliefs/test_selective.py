@@ -189,6 +189,27 @@ def test_likelihoods_are_added_as_logarithms_where_a_product_could_vanish(flat):
 # --- what the uniform expects --------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(
+    "u", [TURN, -2.0 * TURN, DRIVE, -DRIVE, np.array([0.2, 0.6, -0.1]), np.array([0.01, 0.0, 0.0])]
+)
+def test_a_slip_is_a_mixture_with_what_a_wrong_reading_may_stand_for(flat, u):
+    """All turns within 45 degrees of the one read, alike; of travels, none and half a metre."""
+    sure, slips = (near(belief_on(flat, leak=0.0, slip=slip), flat) for slip in (0.0, 0.2))
+    before = sure.probabilities(0)
+    turn, width = u[0] + u[2], pi / 12.0
+    others = [np.roll(before, round(turn / width) + j, axis=1) for j in range(-3, 4)]
+    expected = 0.2 * sum(others) / len(others)
+    if u[1] != 0.0:
+        there = PlaneBelief.of(sure._track(0).tables, expected)
+        there.travel(5 if u[1] > 0.0 else -5, 1, 1.0)
+        expected = 0.5 * (expected + there.by_cell)
+    for belief in (sure, slips):
+        belief.predict(0, u)
+    expected += 0.8 * sure.probabilities(0)
+    assert expected.sum() == pytest.approx(1.0, abs=1e-6)
+    np.testing.assert_allclose(slips.probabilities(0), expected, rtol=1e-9, atol=1e-15)
+
+
 @pytest.mark.parametrize("w", [0.0, 1e-4, 0.3, 1.0])
 def test_the_chance_of_being_elsewhere_follows_bayes(w):
     for there, here in product((1e-9, 0.2, 0.9), repeat=2):
