@@ -196,6 +196,10 @@ class Helpers:
 
     def _start(self) -> None:
         self._pid = os.getpid()
+        # Compiled here: a process that ends while a thread compiles is aborted.
+        closed = new_board(self.n)
+        closed[CLOSED] = 1
+        self._work(closed, 0)
         self.board = new_board(self.n)
         self._doors = [threading.Lock() for _ in range(self.n)]
         for helper, door in enumerate(self._doors):

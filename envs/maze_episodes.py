@@ -309,7 +309,7 @@ def _batch_of(
     return kernels.Batch(
         lattice.free, lattice.n_cells, lattice.cells, lattice.index, lattice.depth,
         lattice.successor, lattice.target, lattice.steps, lattice.p_step,
-        lattice.sensor.confusion, lattice.row_start, lattice.weight, lattice.p,
+        lattice.sensor.confusion, lattice.p,
         belief.bel, belief.live, belief.n_live, belief.impossible, belief.largest,
         belief.likeliest, belief.entropy,
         order=np.zeros(1, dtype=np.int64),

@@ -1,8 +1,8 @@
 """A step and a start of many robots in mazes, one kernel call each, shared by threads or not.
 
 The kernels here only put others in order: those of :mod:`activeloc.beliefs.lattice_kernels` move
-the robots and follow their beliefs. Robots are independent of each other; a share of the work is a
-range of them.
+the robots, those of :mod:`activeloc.beliefs.lattice_filter` follow their beliefs. Robots are
+independent of each other; a share of the work is a range of them.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from activeloc import sharing
-from activeloc.beliefs import lattice_kernels as lattice
+from activeloc.beliefs import lattice_filter, lattice_kernels
 from activeloc.beliefs.egocentric import draw_views, turn_mazes
 
 STEP, START = 0, 1
@@ -25,7 +25,7 @@ class Batch(NamedTuple):
     """All that B robots in mazes are made of: arrays that stay where they are, and are overwritten.
 
     Attributes:
-        free: See :class:`activeloc.beliefs.lattice.Lattice` for these thirteen.
+        free: See :class:`activeloc.beliefs.lattice.Lattice` for these eleven.
         n_cells: .
         cells: .
         index_of: Its ``index``.
@@ -35,8 +35,6 @@ class Batch(NamedTuple):
         steps_of: Its ``steps``.
         p_step: .
         confusion: Of its sensor.
-        row_start: .
-        weight: .
         p: .
         bel: See :class:`activeloc.beliefs.lattice.LatticeBelief` for these seven.
         live: .
@@ -76,8 +74,6 @@ class Batch(NamedTuple):
     steps_of: NDArray[np.int64]
     p_step: NDArray[np.float64]
     confusion: NDArray[np.float64]
-    row_start: NDArray[np.int64]
-    weight: NDArray[np.float64]
     p: NDArray[np.float64]
     bel: NDArray[np.float64]
     live: NDArray[np.int32]
@@ -145,7 +141,7 @@ def carry_out(batch: Batch, first: int, last: int) -> None:
     else:
         step(batch, first, last)
     active = batch.active[first:last]
-    lattice.summarise(
+    lattice_filter.summarise(
         active, batch.bel[first:last], batch.live[first:last], batch.n_live[first:last],
         batch.largest[first:last], batch.likeliest[first:last], batch.entropy[first:last],
     )  # fmt: skip
@@ -160,14 +156,13 @@ def step(batch: Batch, first: int, last: int) -> None:
     active, actions = batch.active[first:last], batch.actions[first:last]
     depth, target = batch.depth[first:last], batch.target[first:last]
     state, reading = batch.state[first:last], batch.reading[first:last]
-    lattice.move_and_read(
+    lattice_kernels.move_and_read(
         active, actions, batch.uniforms[first:last], batch.p_step, batch.confusion, depth, target,
         state, reading,
     )  # fmt: skip
-    lattice.advance(
+    lattice_filter.advance(
         active, actions, reading, batch.bel[first:last], batch.live[first:last],
-        batch.n_live[first:last], batch.n_cells[first:last], batch.cells[first:last],
-        batch.index_of[first:last], depth, target, batch.row_start, batch.weight, batch.p,
+        batch.n_live[first:last], depth, target, batch.p_step, batch.p,
         batch.impossible[first:last],
     )  # fmt: skip
     for b in range(first, last):
@@ -183,7 +178,7 @@ def start(batch: Batch, first: int, last: int) -> None:
     )  # fmt: skip
     index, target = batch.index_of[first:last], batch.target[first:last]
     state, reading = batch.state[first:last], batch.reading[first:last]
-    lattice.survey_all(
+    lattice_kernels.survey_all(
         some, batch.free[first:last], n_cells, cells, index, depth, target,
         batch.steps_of[0], batch.successor[first:last],
     )  # fmt: skip
@@ -198,11 +193,11 @@ def start(batch: Batch, first: int, last: int) -> None:
         batch.steps[first + i] = 0
         batch.impossible[first + i] = 0
         batch.counts[0, first + i] = -1
-    lattice.move_and_read(
+    lattice_kernels.move_and_read(
         batch.active[first:last], stay, noise, batch.p_step, batch.confusion, depth, target,
         state, reading,
     )  # fmt: skip
-    lattice.begin(
+    lattice_filter.begin(
         some, reading, n_cells, depth, batch.p, batch.bel[first:last], batch.live[first:last],
         batch.n_live[first:last],
     )  # fmt: skip

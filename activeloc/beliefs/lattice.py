@@ -6,8 +6,8 @@ goes one cell forward; into a wall the robot stays. A reading z is the number of
 robot's own to the wall ahead, at least 1. With noise, a step forward is one cell short or long with
 probability ``p_off`` each, clipped at walls, and a reading off by one likewise.
 
-The belief is kept as ``(B, C, 4)`` and followed by the histogram filter's own kernels
-(:mod:`activeloc.beliefs.lattice_kernels`). Without noise it is uniform over the states that agree
+The belief is kept as ``(B, C, 4)`` and followed by kernels of its own
+(:mod:`activeloc.beliefs.lattice_filter`). Without noise it is uniform over the states that agree
 with all readings. Source: Chaplot, Parisotto and Salakhutdinov, "Active Neural Localization" (ICLR
 2018).
 """
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeloc import checks
+from activeloc.beliefs import lattice_filter as filter_kernels
 from activeloc.beliefs import lattice_kernels as kernels
 from activeloc.errors import MapError
 from activeloc.sensors.depth import DepthSensor
@@ -73,8 +74,6 @@ class Lattice:
         self.depth = np.zeros((n_robots, n, 4), dtype=np.int32)
         self.successor = np.zeros((n_robots, n, 4, 3), dtype=np.int16)
         self.target = np.zeros((n_robots, n_states * len(self.steps)), dtype=np.int32)
-        self.row_start = np.arange(n_states + 1, dtype=np.int64) * len(self.steps)
-        self.weight = np.stack([np.tile(self.p_step, n_states), np.zeros(self.target.shape[1])])
         self.p = np.ascontiguousarray(self.sensor.confusion.T)
 
     def place(self, robots: NDArray[np.intp], free: NDArray[np.bool_]) -> None:
@@ -180,7 +179,9 @@ class LatticeBelief:
             reading: ``(B,)``; less one. One that the sensor cannot give is impossible evidence.
         """
         on = self.lattice
-        kernels.begin(robots, reading, on.n_cells, on.depth, on.p, self.bel, self.live, self.n_live)
+        filter_kernels.begin(
+            robots, reading, on.n_cells, on.depth, on.p, self.bel, self.live, self.n_live
+        )
         active = np.zeros(on.n_robots, dtype=np.bool_)
         active[robots] = True
         self.impossible[robots] = 0
@@ -200,14 +201,14 @@ class LatticeBelief:
             reading: ``(B,)``; less one. One that the sensor cannot give is impossible evidence.
         """
         on = self.lattice
-        kernels.advance(
-            active, actions, reading, self.bel, self.live, self.n_live, on.n_cells, on.cells,
-            on.index, on.depth, on.target, on.row_start, on.weight, on.p, self.impossible,
+        filter_kernels.advance(
+            active, actions, reading, self.bel, self.live, self.n_live, on.depth, on.target,
+            on.p_step, on.p, self.impossible,
         )  # fmt: skip
         self._summarise(active)
 
     def _summarise(self, active: NDArray[np.bool_]) -> None:
-        kernels.summarise(
+        filter_kernels.summarise(
             active, self.bel, self.live, self.n_live, self.largest, self.likeliest, self.entropy
         )
 
@@ -216,14 +217,16 @@ class LatticeBelief:
         n_robots, n = self.live.shape
         states = np.zeros((n_robots, 4 * n), dtype=np.int16)
         p, count = np.zeros((n_robots, 4 * n)), np.zeros(n_robots, dtype=np.int32)
-        kernels.list_states(self.bel, self.live, self.n_live, states, p, count)
+        filter_kernels.list_states(self.bel, self.live, self.n_live, states, p, count)
         return Candidates(states, p, count)
 
     def planes(self) -> NDArray[np.float32]:
         """Pictures of p / max p in the maze's frame: new ``(B, 4, m, m)``."""
         size = self.lattice.size
         out = np.zeros((self.lattice.n_robots, 4, size, size), dtype=np.float32)
-        kernels.picture(self.bel, self.live, self.n_live, self.lattice.cells, self.largest, out)
+        filter_kernels.picture(
+            self.bel, self.live, self.n_live, self.lattice.cells, self.largest, out
+        )
         return out
 
 

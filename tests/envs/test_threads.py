@@ -15,11 +15,15 @@ from activeloc.envs.maze_kernels import help_out
 from activeloc.errors import ConfigError, MapError
 from activeloc.sharing import (
     ASLEEP,
+    CLOSED,
     DONE,
     LIMIT,
     LINE,
+    PATIENCE,
+    Helpers,
     Pool,
     finish,
+    is_worth_waiting,
     new_board,
     publish,
     take,
@@ -210,6 +214,23 @@ def test_helpers_do_what_the_caller_would_do():
     assert board[LIMIT] >= 15 * episodes._shares
     assert (batch.steps > 0).any()
     theirs.close()
+
+
+def test_the_caller_compiles_what_its_helpers_do():
+    """A process that ends while a thread compiles is aborted; so no thread is the first."""
+    threads, closed = [], []
+
+    def work(board, helper):
+        threads.append(threading.get_ident())
+        closed.append(bool(board[CLOSED]))
+        while is_worth_waiting(board, helper, PATIENCE):
+            pass
+
+    helpers = Helpers(1, work)
+    helpers.call()
+    helpers.close()
+    assert threads[0] == threading.get_ident()
+    assert closed[0]
 
 
 def test_every_share_is_taken_once_whoever_takes_it():
