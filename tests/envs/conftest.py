@@ -14,7 +14,7 @@ BEARINGS = np.array([-0.5, 0.0, 0.5])
 def made_up(agent="left", steps=5, headings=8, name="hall", seed=0, particles=False, carried=None):
     """A recording of a belief that sits in one cell, one cell further right at each step.
 
-    At step s all of it is in row 4, column 30 + s, heading bin s.
+    At step s all of it is in row 4, column 30 + s, heading bin s; from the tenth on from the start.
     """
     cells = np.zeros((ROWS, COLS), np.uint8)
     cells[20:22, 5:9], cells[10, 20:30] = 1, 2
@@ -22,7 +22,7 @@ def made_up(agent="left", steps=5, headings=8, name="hall", seed=0, particles=Fa
     rng, tape = np.random.default_rng(seed), Tape()
     for s in range(steps + 1):
         belief = np.zeros((headings, ROWS, COLS))
-        belief[s % headings, 4, 30 + s] = 1.0
+        belief[s % headings, 4, 30 + s % 10] = 1.0
         scene = Scene(
             grid,
             belief,
