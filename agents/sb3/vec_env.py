@@ -47,6 +47,35 @@ def make_vec_env(
     return NativeVecEnv(envs, keys)
 
 
+class Histories:
+    """A list of numbers for each of B robots, added to for many of them at once.
+
+    Args:
+        n_robots: B.
+    """
+
+    def __init__(self, n_robots: int) -> None:
+        self._values = np.zeros((n_robots, 64))
+        self._n = np.zeros(n_robots, dtype=np.intp)
+
+    def add(self, robots: NDArray[np.bool_], values: NDArray[Any]) -> None:
+        """Append their values ``(B,)`` to the lists of some robots ``(B,)``."""
+        if self._n.max() == self._values.shape[1]:
+            self._values = np.concatenate([self._values, np.zeros_like(self._values)], axis=1)
+        where = np.flatnonzero(robots)
+        self._values[where, self._n[where]] = values[where]
+        self._n[where] += 1
+
+    def clear(self, robots: NDArray[np.bool_]) -> None:
+        """Empty the lists of some robots ``(B,)``."""
+        self._n[robots] = 0
+
+    def of(self, robot: int) -> list[float]:
+        """One robot's."""
+        result: list[float] = self._values[robot, : self._n[robot]].tolist()
+        return result
+
+
 class NativeVecEnv(VecEnv):
     """B robots of one Gymnasium vector environment, as SB3 wants them.
 
@@ -83,7 +112,7 @@ class NativeVecEnv(VecEnv):
         self._clock = time.perf_counter()
         self._limit: int | None = getattr(envs, "max_episode_steps", None)
         self._rewards = np.zeros(envs.num_envs)
-        self._entropies: list[list[float]] = [[] for _ in range(envs.num_envs)]
+        self._entropies = Histories(envs.num_envs)
         self._steps = np.zeros(envs.num_envs, dtype=np.int64)
         chosen = gym.spaces.Dict({key: space.spaces[key] for key in kept})
         super().__init__(envs.num_envs, chosen, envs.single_action_space)
@@ -106,8 +135,9 @@ class NativeVecEnv(VecEnv):
         self._reset_options()
         self.reset_infos = self._split(infos)
         self.actions_taken = []
-        for robot in range(self.num_envs):
-            self._start(robot, self.reset_infos[robot])
+        everyone = np.ones(self.num_envs, dtype=np.bool_)
+        self._start(everyone)
+        self._note(everyone, infos)
         return self._chosen(observations)
 
     def begin(self, seeds: Iterable[int]) -> Observation:
@@ -139,31 +169,35 @@ class NativeVecEnv(VecEnv):
         each = self._split(infos)
         self._rewards += rewards
         self._steps += 1
-        for robot in np.flatnonzero(~dones).tolist():
-            each[robot]["TimeLimit.truncated"] = False
-            self._note(robot, each[robot])
+        for info in each:
+            info["TimeLimit.truncated"] = False
+        self._note(~dones, infos)
         if dones.any():
+            self._note(dones, infos["final_info"])
             last = self._split(infos["final_info"])
             for robot in np.flatnonzero(dones).tolist():
+                del each[robot]["TimeLimit.truncated"]
                 self.reset_infos[robot] = each[robot]
                 final = infos["final_obs"][robot]
                 each[robot] = last[robot] | {
                     "TimeLimit.truncated": bool(truncated[robot] and not terminated[robot]),
                     "terminal_observation": {key: final[key] for key in self.keys},
                 }
-                self._note(robot, each[robot])
                 each[robot]["episode"] = self._statistics(robot, each[robot])
-                self._start(robot, self.reset_infos[robot])
+            self._start(dones)
+            self._note(dones, infos)
         return self._chosen(observations), rewards.astype(np.float32), dones, each
 
-    def _start(self, robot: int, info: Mapping[str, Any]) -> None:
-        self._rewards[robot], self._steps[robot] = 0.0, 0
-        self._entropies[robot] = []
-        self._note(robot, info)
+    def _start(self, robots: NDArray[np.bool_]) -> None:
+        """Begin to count anew for some robots ``(B,)``."""
+        self._rewards[robots], self._steps[robots] = 0.0, 0
+        self._entropies.clear(robots)
 
-    def _note(self, robot: int, info: Mapping[str, Any]) -> None:
-        if "entropy_fraction" in info:
-            self._entropies[robot].append(float(info["entropy_fraction"]))
+    def _note(self, robots: NDArray[np.bool_], infos: Mapping[str, Any]) -> None:
+        """Take note of the entropy of some robots ``(B,)``, where the infos tell it."""
+        if "entropy_fraction" in infos:
+            given = robots & infos["_entropy_fraction"]
+            self._entropies.add(given, infos["entropy_fraction"])
 
     def _statistics(self, robot: int, info: Mapping[str, Any]) -> dict[str, Any]:
         statistics = {
@@ -174,9 +208,10 @@ class NativeVecEnv(VecEnv):
         for key in ("is_success", "wrong", "entropy"):
             if key in info:
                 statistics[key] = float(info[key])
-        if self._entropies[robot] and self._limit is not None:
+        entropies = self._entropies.of(robot)
+        if entropies and self._limit is not None:
             wrong = bool(info.get("wrong", False))
-            statistics["area"] = penalised_area(self._entropies[robot], wrong, self._limit)
+            statistics["area"] = penalised_area(entropies, wrong, self._limit)
         return statistics
 
     def _chosen(self, observations: Mapping[str, NDArray[Any]]) -> Observation:
@@ -184,12 +219,22 @@ class NativeVecEnv(VecEnv):
 
     def _split(self, infos: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Arrays with masks as a list of one dict a robot."""
-        each: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        names, columns, others = [], [], []
         for key, values in infos.items():
             mask = infos.get(f"_{key}")
             if mask is None or key in ("final_obs", "final_info"):
                 continue
-            for robot in np.flatnonzero(mask):
+            if mask.all():
+                names.append(key)
+                columns.append(values.tolist() if values.ndim == 1 else list(values))
+            else:
+                others.append((key, values, mask))
+        if names:
+            each = [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
+        else:
+            each = [{} for _ in range(self.num_envs)]
+        for key, values, mask in others:
+            for robot in np.flatnonzero(mask).tolist():
                 each[robot][key] = values[robot]
         return each
 

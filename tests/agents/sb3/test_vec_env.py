@@ -8,7 +8,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from activeloc.agents.evaluation.records import penalised_area
-from activeloc.agents.sb3.vec_env import NativeVecEnv, make_vec_env
+from activeloc.agents.sb3.vec_env import Histories, NativeVecEnv, make_vec_env
 from activeloc.errors import ConfigError
 
 ENV = "activeloc/GlobalLocalization-v0"
@@ -122,3 +122,18 @@ def test_refusals(home):
     env.set_options([{"map": "office:1"}, {}, {}])
     with pytest.raises(ConfigError, match="same for all"):
         env.reset()
+
+
+def test_histories_are_as_long_as_what_was_added_to_each():
+    histories, lists = Histories(3), [[], [], []]
+    rng = np.random.default_rng(0)
+    for step in range(200):
+        who, values = rng.random(3) < 0.8, rng.random(3)
+        if step % 70 == 69:
+            histories.clear(who)
+            lists = [[] if gone else kept for gone, kept in zip(who, lists, strict=True)]
+        histories.add(who, values)
+        for robot in np.flatnonzero(who):
+            lists[robot].append(values[robot])
+    assert [histories.of(robot) for robot in range(3)] == lists
+    assert max(map(len, lists)) > 64
