@@ -8,9 +8,10 @@ truth lies in that window too, otherwise wrong and sure.
 Of a kidnapped robot it is told besides (:class:`Watch`):
 
 - *noticed*: at the step at which it was carried off, or later, less than ``let_go`` lies near the
-  estimate, or the estimate has leapt ``leap`` or more from where the odometry takes the last one:
-  the belief has let go. Only then can it declare. A belief that is merely less than sure has
-  noticed nothing: many are so in passing, and are sure of the old place again a moment later.
+  estimate, or the estimate has leapt ``leap`` or more, or turned by ``leap_theta`` or more, from
+  where the odometry takes the last one: the belief has let go. Only then can it declare. A belief
+  that is merely less than sure has noticed nothing: many are so in passing, and are sure of the old
+  place again a moment later.
 - *recovered*: a right declaration after that.
 - *false alarm*: with nobody having carried it off, the belief was sure and right for ``hold`` steps
   running, and at a later step less than ``let_go`` lies near the estimate, or the estimate has
@@ -56,6 +57,7 @@ class Task:
             an office's corridors, turning blurs a belief that holds on to a half in passing.
         leap: And when its estimate moves at least this far at once [m]: farther than a belief that
             holds on is bent to fit a like place nearby.
+        leap_theta: Or turns at least this far at once [rad]; more than pi for never.
         sigma_xy: Standard deviation of a start that is known [m].
         sigma_theta: Standard deviation of its heading [rad].
         kidnap: When a kidnapped robot is carried off, once: at a step in a ``range``, at a ``rate``
@@ -78,6 +80,7 @@ class Task:
     hold: int = 3
     let_go: float = 0.3
     leap: float = 2.0
+    leap_theta: float = pi / 2.0
     sigma_xy: float = 0.3
     sigma_theta: float = float(np.deg2rad(10.0))
     kidnap: str = "range"
@@ -93,6 +96,7 @@ class Task:
         checks.integer("task.hold", self.hold, 1, 1_000_000)
         checks.number("task.let_go", self.let_go, 0.0, 1.0)
         checks.number("task.leap", self.leap, 0.0, 1e6, above_low=True)
+        checks.number("task.leap_theta", self.leap_theta, 0.0, 2.0 * pi, above_low=True)
         checks.number("task.sigma_xy", self.sigma_xy, 0.0, 1e3)
         checks.number("task.sigma_theta", self.sigma_theta, 0.0, np.pi)
         checks.choice("task.kidnap", self.kidnap, KIDNAPS)
@@ -213,7 +217,8 @@ class Watch:
         """
         let_go = mass < self.task.let_go
         if self.kidnapped:
-            if (let_go or jump[0] >= self.task.leap) and not self.noticed:
+            leapt = jump[0] >= self.task.leap or jump[1] >= self.task.leap_theta
+            if (let_go or leapt) and not self.noticed:
                 self.noticed_at = step
             return
         if self._knew >= self.task.hold:

@@ -41,6 +41,7 @@ IDS = sorted(id for id in gym.registry if id.startswith("activeloc/") and "Maze"
 GLOBAL = "activeloc/GlobalLocalization-v0"
 TRACKING = "activeloc/PositionTracking-v0"
 KIDNAPPED = "activeloc/KidnappedRobot-v0"
+NO_LEAP = {"leap": 1e3, "leap_theta": 6.0}  # A scripted estimate goes along where it is carried.
 
 
 class Scripted:
@@ -310,7 +311,7 @@ def test_nobody_else_is_carried_off(id):
     ids=str,
 )
 def test_a_kidnapped_robot_declares_once_it_has_let_go(masses, end):
-    task = {"kind": "kidnapped", "kidnap_first": 3, "kidnap_last": 3}
+    task = {"kind": "kidnapped", "kidnap_first": 3, "kidnap_last": 3, **NO_LEAP}
     assert play(scripted(masses, **task), len(masses) - 1) == end
 
 
@@ -509,7 +510,7 @@ SURE, DOUBT, LOST = 0.96, 0.94, 0.29
 )
 @pytest.mark.parametrize("right", [True, False])
 def test_steps_are_counted_from_the_kidnapping(masses, notice, recover, right):
-    task = {"kind": "kidnapped", "kidnap_first": 3, "kidnap_last": 3, "leap": 1e3}
+    task = {"kind": "kidnapped", "kidnap_first": 3, "kidnap_last": 3, **NO_LEAP}
     episodes = scripted(masses, (0.0 if right else 2.0, 0.0, 0.0), **task)
     play(episodes, 2)
     assert not episodes.info(0)["noticed"]
@@ -521,12 +522,15 @@ def test_steps_are_counted_from_the_kidnapping(masses, notice, recover, right):
     assert info["wrong"] == (not right and recover >= 0)
 
 
-@pytest.mark.parametrize(("metres", "leapt"), [(0.0, False), (1.99, False), (2.0, True)])
+@pytest.mark.parametrize(
+    ("metres", "angle", "leapt"),
+    [(0.0, 0.0, False), (1.99, 1.57, False), (2.0, 0.0, True), (0.0, 1.58, True)],
+)
 @pytest.mark.parametrize("kidnapped", [True, False])
-def test_an_estimate_that_leaps_has_let_go(metres, leapt, kidnapped):
+def test_an_estimate_that_leaps_has_let_go(metres, angle, leapt, kidnapped):
     watch = Watch(Task(kind="kidnapped"), kidnapped_at=4 if kidnapped else -1)
     for step in (4, 5, 6):
-        watch.see(step, SURE, near=True, jump=(metres if step == 5 else 0.0, 0.0))
+        watch.see(step, SURE, near=True, jump=(metres, angle) if step == 5 else (0.0, 0.0))
     assert watch.noticed == (kidnapped and leapt)
     assert watch.notice_steps == (1 if kidnapped and leapt else -1)
 
