@@ -170,12 +170,13 @@ def draw_views(
         readings: ``(B, 4, L)``.
         out: ``(B, 5, 2 r + 1, 2 r + 1)``, zeros, overwritten.
     """
-    width, length = 2 * size - 1, free.shape[2]
+    width = 2 * size - 1
     p_free = np.empty(width * width, np.float32)
     seen = np.empty(width * width, np.uint64)
     radius = out.shape[2] // 2
     reach = min(radius, size - 1)
     logs = np.log(np.maximum(np.arange(LANES + 1), 1))
+    shares = np.empty(LANES + 1, np.float32)
     for b in range(out.shape[0]):
         p_free[:] = 0.0
         seen[:] = 0
@@ -187,21 +188,26 @@ def draw_views(
                 if p <= 0.0:
                     continue
                 u, v = turned(cells[b, c, 0], cells[b, c, 1], k, size)
+                # The rows of the maze that lie in the window.
+                first, last = max(0, u - reach), min(size - 1, u + reach)
+                top, end = first * width, last * width + size
                 start = (size - 1 - u) * width + size - 1 - v
                 known = p >= FAINT * largest[b]
                 n += known
                 overlay(
-                    p, free[b, k], readings[b, k],
-                    p_free[start : start + length], seen[start : start + length], known,
+                    p, free[b, k, top:end], readings[b, k, top:end],
+                    p_free[start + top : start + end], seen[start + top : start + end], known,
                 )  # fmt: skip
         most = 1.0 / np.log(max(min(n, LANES), 2))
+        for count in range(LANES + 1):
+            shares[count] = min(logs[count] * most, 1.0)
         for du in range(-reach, reach + 1):
             for dv in range(-reach, reach + 1):
-                at = (size - 1 + du) * width + size - 1 + dv
-                row, col = radius + du, radius + dv
+                at = np.uint64((size - 1 + du) * width + size - 1 + dv)
+                row, col = np.uint64(radius + du), np.uint64(radius + dv)
                 out[b, 0, row, col] = min(p_free[at], np.float32(1.0))
                 if n > 1 and seen[at] != 0:
                     counts = count_lanes(seen[at])
                     for q in range(4):
                         count = (counts >> np.uint64(LANES * q)) & np.uint64(0xFF)
-                        out[b, 1 + q, row, col] = min(logs[count] * most, 1.0)
+                        out[b, 1 + q, row, col] = shares[count]
