@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeloc.beliefs.common_bins import CommonBins, entropy
+from activeloc.beliefs.field_weighing import FieldWeigher
 from activeloc.beliefs.particle_bins import empty_slots, sum_bins
 from activeloc.beliefs.particle_motion import spread
 from activeloc.beliefs.particle_past import Past
@@ -75,7 +76,7 @@ class Cloud:
 
     Attributes:
         ground: Of its map.
-        table: Expected ranges there; None where the sensor has no use for them.
+        table: What the sensor is looked up in there; None where it is asked.
         poses: ``(N, 3)``.
         log_w: ``(N,)``.
         place: Where it stands.
@@ -92,7 +93,7 @@ class Cloud:
     """
 
     ground: Ground
-    table: RangeTable | None
+    table: RangeTable | FieldWeigher | None
     poses: NDArray[np.float64]
     log_w: NDArray[np.float64]
     place: PlaceMemory

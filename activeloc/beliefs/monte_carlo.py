@@ -5,7 +5,7 @@ Thrun, Burgard & Fox, *Probabilistic Robotics* (2005), tables 8.2 and 8.3.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import hypot, inf, log
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from activeloc.beliefs.cloud import Cloud, spread_poses
+from activeloc.beliefs.field_weighing import FieldWeigher, field_weigher
 from activeloc.beliefs.particle_bins import allocate, empty_slots, merge, roughen, shares
 from activeloc.beliefs.particle_motion import NORMALS, drive, every, noise, slip, touch, turn
 from activeloc.beliefs.particle_past import Counted
@@ -21,9 +22,11 @@ from activeloc.beliefs.particle_weighing import weigh_by_rays, weigh_by_rows, we
 from activeloc.beliefs.resampling import SCHEMES, comb
 from activeloc.beliefs.sample_size import draw_until
 from activeloc.beliefs.settings import ParticleConfig
+from activeloc.grid import OccupancyGrid
 from activeloc.motion import MotionModel
 from activeloc.range_levels import level_ranges, levels_of
-from activeloc.sensors import RangeSensor, ReadingBins
+from activeloc.range_table import RangeTable, range_table
+from activeloc.sensors import LikelihoodField, RangeSensor, ReadingBins
 from activeloc.sensors.readings import ExpectedRangeSensor, rays_of, widened
 
 
@@ -70,6 +73,11 @@ class MonteCarlo:
         self.sensor = widened(sensor, config.sigma_factor)
         self.motion = motion
         self.reading_bins = ReadingBins(sensor.z_max, config.reading_bin)
+        if isinstance(self.sensor, LikelihoodField):
+            # The field resolved to the bins that readings are sorted into, and they to it.
+            width = max(self.sensor.reading_bin, config.reading_bin)
+            self.sensor = replace(self.sensor, reading_bin=width)
+            self.reading_bins = ReadingBins(sensor.z_max, width)
 
     @property
     def leak(self) -> float:
@@ -93,6 +101,16 @@ class MonteCarlo:
     def is_thin(self) -> bool:
         """Whether a reading depends on one ray."""
         return isinstance(self.sensor, ExpectedRangeSensor) and not np.any(self.sensor.cone)
+
+    def table(self, grid: OccupancyGrid) -> RangeTable | FieldWeigher | None:
+        """What the sensor is looked up in on a map; None where it is asked."""
+        if not self.config.directions:
+            return None
+        if isinstance(self.sensor, LikelihoodField):
+            return field_weigher(grid, self.sensor, self.config.likelihood_power)
+        if self.is_thin:
+            return range_table(grid, self.sensor.z_max, self.config.directions)
+        return None
 
     def move(self, cloud: Cloud, u: NDArray[np.float64], contact: bool) -> None:
         """Move every particle by the odometry's reading, with its noise.
@@ -135,6 +153,9 @@ class MonteCarlo:
     ) -> None:
         """Add the scan's weighted log-likelihood at each pose to ``log_w (N,)``, in place."""
         table, law = cloud.table, self._law
+        if isinstance(table, FieldWeigher):
+            table.weigh(poses, scan.readings, scan.weights, log_w)
+            return
         if law is None or not self.is_thin:
             rows, log_p = self.rows(cloud, poses)
             weigh_by_rows(log_w, rows, log_p, scan.readings, scan.weights)
@@ -161,7 +182,7 @@ class MonteCarlo:
         """At poses ``(N, 3)``: rows ``(N, B)`` of a table ``(Z, R)`` of powered log-likelihoods."""
         rays = rays_of(poses, self.sensor.bearings)
         if self._law is not None and isinstance(self.sensor, ExpectedRangeSensor):
-            if cloud.table is not None:
+            if isinstance(cloud.table, RangeTable):
                 return cloud.table.levels(poses, self.sensor.bearings), self._law
             expected = self.sensor.expected(cloud.ground.grid, rays)
             return levels_of(expected, self.sensor.z_max), self._law

@@ -35,7 +35,6 @@ from activeloc.beliefs.view import view_frame
 from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import MotionModel, Terrain, wrap
-from activeloc.range_table import range_table
 from activeloc.sensors import RangeSensor
 from activeloc.sensors.readings import check_scan
 
@@ -98,13 +97,10 @@ class ParticleBelief:
         if poses.ndim != 2 or poses.shape[1] != 3 or not poses.size or not np.isfinite(poses).all():
             raise ConfigError(f"poses must be (N, 3) finite numbers, N >= 1; got {poses.shape}")
         turn(poses, 0.0, 0.0, np.zeros(len(poses), dtype=np.uint16), NORMALS)  # Into [-pi, pi).
-        table = None
-        if self.model.is_thin and self.config.directions:
-            table = range_table(grid, self.sensor.z_max, self.config.directions)
         place = PlaceMemory(self.config.sectors, self.config.place_size, self.config.repetition)
         self._clouds[robot] = Cloud(
             ground,
-            table,
+            self.model.table(grid),
             poses,
             np.full(len(poses), -np.log(len(poses))),
             place,

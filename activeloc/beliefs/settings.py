@@ -119,7 +119,8 @@ class ParticleConfig:
         kld_confidence: Probability that it holds.
         kld_size: Side of the bins that are counted [m].
         kld_angle: Width of their headings [rad].
-        directions: Of the table of expected ranges; 0 casts every ray exactly.
+        directions: Of the table of expected ranges; 0 casts every ray exactly, and asks a
+            likelihood field at every pose.
         novelty: As in :class:`HistogramConfig`; 0 uses every reading.
 
     Raises:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numba import njit
@@ -14,6 +15,9 @@ from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
 from activeloc.sensors.beam import check_beams
 from activeloc.sensors.readings import ReadingBins, spread_bearings
+
+NOTHING = 1e-12
+"""A ray along which the nearness sums to no more can hit nothing."""
 
 
 @njit(cache=True, nogil=True)
@@ -47,10 +51,19 @@ def _fill_masses(
             out[i, z] = near[row, col] if inside else 0.0
             total += out[i, z]
         # Nothing near the beam at any range: the hit's mass is a missed echo.
-        scale = parts[0] / total if total > 1e-12 else 0.0
+        scale = parts[0] / total if total > NOTHING else 0.0
         for z in range(n_bins):
             out[i, z] = scale * out[i, z] + parts[2] / n_bins
-        out[i, n_bins] = parts[1] + (0.0 if total > 1e-12 else parts[0])
+        out[i, n_bins] = parts[1] + (0.0 if total > NOTHING else parts[0])
+
+
+@lru_cache(maxsize=8)
+def _near(grid: OccupancyGrid, sigma_hit: float) -> NDArray[np.float64]:
+    """See :meth:`LikelihoodField.near`."""
+    distance = ndimage.distance_transform_edt(np.pad(grid.free, 1))[1:-1, 1:-1]
+    result: NDArray[np.float64] = np.exp(-0.5 * (distance * grid.resolution / sigma_hit) ** 2)
+    result.flags.writeable = False  # It is kept and shared.
+    return result
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,11 +118,7 @@ class LikelihoodField:
 
         Measured between cell centres; the outside of the map is blocked.
         """
-        distance = ndimage.distance_transform_edt(np.pad(grid.free, 1))[1:-1, 1:-1]
-        result: NDArray[np.float64] = np.exp(
-            -0.5 * (distance * grid.resolution / self.sigma_hit) ** 2
-        )
-        return result
+        return _near(grid, self.sigma_hit)
 
     def bin_probabilities(
         self, grid: OccupancyGrid, rays: NDArray[np.float64], bins: ReadingBins
