@@ -149,16 +149,20 @@ class FieldWeigher:
 
     def __init__(self, table: FieldTable, power: float) -> None:
         self.table, self.power = table, power
-        self._laws: dict[tuple[tuple[float, bool], ...], NDArray[np.float32]] = {}
+        self._bearings = table.sensor.bearings
+        self._headings = np.array([np.cos(self._bearings), np.sin(self._bearings)])
+        self._reach = np.append(table.reach, 0.0)
+        self._laws: dict[tuple[float, ...], NDArray[np.float32]] = {}
 
-    def _law(self, kinds: tuple[tuple[float, bool], ...]) -> NDArray[np.float32]:
-        """Laws of readings by weight and whether they are maximum-range ones, in one array."""
-        if kinds not in self._laws:
+    def _law(self, weights: tuple[float, ...]) -> NDArray[np.float32]:
+        """Laws of readings of each weight, then of maximum-range ones of it, in one array."""
+        if weights not in self._laws:
             if len(self._laws) >= 16:
                 self._laws.clear()
-            laws = [self.table.law(self.power * weight, is_max) for weight, is_max in kinds]
-            self._laws[kinds] = np.concatenate(laws)
-        return self._laws[kinds]
+            powers = self.power * np.repeat(weights, 2)
+            laws = [self.table.law(power, k % 2 == 1) for k, power in enumerate(powers)]
+            self._laws[weights] = np.concatenate(laws)
+        return self._laws[weights]
 
     def weigh(
         self,
@@ -176,20 +180,20 @@ class FieldWeigher:
             log_w: Overwritten.
         """
         table = self.table
-        counts = np.flatnonzero((readings >= 0) & (weights > 0.0))
-        if not len(counts):
+        counts = (readings >= 0) & (weights > 0.0)
+        if not counts.any():
             return
-        bearings = table.sensor.bearings[counts]
+        of_beam = weights[counts].tolist()
+        each = {weight: k for k, weight in enumerate(dict.fromkeys(of_beam))}
         is_max = readings[counts] == len(table.reach)
-        z = table.reach[np.where(is_max, 0, readings[counts])]
-        ends = np.array([z * np.cos(bearings), z * np.sin(bearings), ~is_max], dtype=np.float32)
-        of_beam = list(zip(weights[counts].tolist(), is_max.tolist(), strict=True))
-        kinds = tuple(dict.fromkeys(of_beam))
-        begins = {kind: k * SIZE + OFFSET for k, kind in enumerate(kinds)}
-        which = np.array([begins[kind] for kind in of_beam], dtype=np.int64)
+        reach = self._reach[readings[counts]]
+        ends = np.stack([*(reach * self._headings[:, counts]), ~is_max]).astype(np.float32)
+        which = is_max * SIZE + OFFSET
+        if len(each) > 1:
+            which += 2 * SIZE * np.array([each[weight] for weight in of_beam])
         weigh_by_field(
             table.near, table.nearness, table.index, table.side, table.total, table.reach,
-            table.frame, poses, bearings, ends, which, self._law(kinds), log_w,
+            table.frame, poses, self._bearings[counts], ends, which, self._law(tuple(each)), log_w,
         )  # fmt: skip
 
 
