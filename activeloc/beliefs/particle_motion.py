@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from activeloc.motion import free_way, slipped
+from activeloc.motion.driving import MARGIN
 
 # Standard normal numbers of equal probability: noise is drawn as their 16-bit index, which costs a
 # third of drawing it by the ziggurat and is exact to 2^-16 in probability.
@@ -24,6 +25,7 @@ NORMALS = np.asarray(_NORMALS / _NORMALS.std(), dtype=np.float32)
 # Headings whose cosine and sine are looked up; between them they are carried on to second order,
 # which is exact to 1e-9.
 HEADINGS = 2048
+BLOCK = 128  # Particles that are driven together.
 _ANGLES = np.arange(HEADINGS + 1) * (2.0 * np.pi / HEADINGS) - np.pi
 _COS, _SIN = np.cos(_ANGLES), np.sin(_ANGLES)
 
@@ -153,6 +155,60 @@ def travel(
 
 
 @njit(cache=True, nogil=True)
+def set_out(
+    frame: NDArray[np.float64],
+    x: float,
+    y: float,
+    heading: float,
+    wanted: float,
+    out: NDArray[np.float64],
+) -> None:
+    """Fill ``out (6,)`` with a way: column, row, unit heading, length wanted, length free [cell].
+
+    Args:
+        frame: Of the map.
+        x: Where the particle stands [m].
+        y: [m].
+        heading: [rad].
+        wanted: Backwards if negative [m].
+        out: Overwritten; the length that is free is taken to be the one that is wanted.
+    """
+    cos, sin = unit(heading)
+    sign = 1.0 if wanted >= 0.0 else -1.0
+    out[0], out[1] = (x - frame[0]) * frame[2], (y - frame[1]) * frame[2]
+    out[2], out[3] = sign * cos, sign * sin
+    out[4] = out[5] = abs(wanted) * frame[2]
+
+
+@njit(cache=True, nogil=True)
+def list_stopped(
+    squares: NDArray[np.uint8], ways: NDArray[np.float64], out: NDArray[np.int64]
+) -> int:
+    """Which ways ``(n, 6)`` an obstacle may stop; returns how many.
+
+    The others end inside a free square (:func:`activeloc.motion.free_way`). Nothing is decided on
+    the way, so that the look-ups of many particles are waited for together.
+
+    Args:
+        squares: ``(4, H + 2, W + 2)``; of the cells that are open to the robot's centre.
+        ways: See :func:`set_out`.
+        out: ``(>= n,)``, overwritten with their indices.
+    """
+    height, width, n = squares.shape[1], squares.shape[2], 0
+    for k in range(ways.shape[0]):
+        # Off the map is the rim, where nothing is free.
+        c = int(min(max(ways[k, 0] + 1.0, 0.0), width - 1.0))
+        r = int(min(max(ways[k, 1] + 1.0, 0.0), height - 1.0))
+        quadrant = (0 if ways[k, 2] > 0.0 else 1) + (0 if ways[k, 3] > 0.0 else 2)
+        # Unsigned, for numba looks after negative indices.
+        side = squares[np.uint64(quadrant), np.uint64(r), np.uint64(c)]
+        along_axis = min(abs(ways[k, 2]), abs(ways[k, 3])) < 1e-14
+        out[n] = k
+        n += int(along_axis or side - 1.0 <= ways[k, 4] + 2.0 * MARGIN)
+    return n
+
+
+@njit(cache=True, nogil=True)
 def drive(
     squares: NDArray[np.uint8],
     frame: NDArray[np.float64],
@@ -179,14 +235,26 @@ def drive(
         slack: What may be missing of the way before it counts as cut short [m].
         log_floor: Added to the log-weight of ways that were cut short.
     """
-    for i in range(poses.shape[0]):
-        heading = wrapped(poses[i, 2] + u[0] + sigma[0] * normals[noise[i, 0]])
-        wanted = u[1] + sigma[1] * normals[noise[i, 1]]
-        x, y, way = travel(squares, frame, poses[i, 0], poses[i, 1], heading, wanted)
-        poses[i, 0], poses[i, 1] = x, y
-        poses[i, 2] = wrapped(heading + u[2] + sigma[2] * normals[noise[i, 2]])
-        if abs(wanted) - way > slack:
-            log_w[i] += log_floor
+    way, stopped = np.empty((BLOCK, 6)), np.empty(BLOCK, dtype=np.int64)
+    per_cell = 1.0 / frame[2]
+    for first in range(0, poses.shape[0], BLOCK):
+        n = min(BLOCK, poses.shape[0] - first)
+        for k in range(n):
+            i = first + k
+            heading = wrapped(poses[i, 2] + u[0] + sigma[0] * normals[noise[i, 0]])
+            wanted = u[1] + sigma[1] * normals[noise[i, 1]]
+            set_out(frame, poses[i, 0], poses[i, 1], heading, wanted, way[k])
+            poses[i, 2] = wrapped(heading + u[2] + sigma[2] * normals[noise[i, 2]])
+        for m in range(list_stopped(squares, way[:n], stopped)):
+            k = stopped[m]
+            col, row, dx, dy, wanted = way[k, 0], way[k, 1], way[k, 2], way[k, 3], way[k, 4]
+            way[k, 5] = free_way(squares, col, row, dx, dy, wanted)
+        for k in range(n):
+            i, length = first + k, way[k, 5]
+            poses[i, 0] = frame[0] + (way[k, 0] + length * way[k, 2]) * per_cell
+            poses[i, 1] = frame[1] + (way[k, 1] + length * way[k, 3]) * per_cell
+            if (way[k, 4] - length) * per_cell > slack:
+                log_w[i] += log_floor
 
 
 @njit(cache=True, nogil=True)
