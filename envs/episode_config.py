@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from activeloc import checks
-from activeloc.beliefs.histogram import HistogramConfig
-from activeloc.beliefs.particles import ParticleConfig
+from activeloc.beliefs.settings import HistogramConfig, ParticleConfig
 from activeloc.configuration import build, build_kind, unknown
 from activeloc.envs.actions import Actions
 from activeloc.envs.observations import ObservationConfig

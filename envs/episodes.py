@@ -9,15 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig
 from activeloc.beliefs.metric_view import MetricView
 from activeloc.beliefs.novelty import drop_novel
-from activeloc.beliefs.particles import ParticleBelief
+from activeloc.beliefs.settings import HistogramConfig
 from activeloc.envs.episode import Episode
 from activeloc.envs.episode_config import BELIEFS, SENSORS, WORLDS, EpisodeConfig
 from activeloc.envs.knowledge import Knowledge
@@ -27,6 +26,10 @@ from activeloc.errors import ActionError, ConfigError
 from activeloc.grid import OccupancyGrid
 from activeloc.sharing import Pool
 from activeloc.simulator import Simulator
+
+if TYPE_CHECKING:
+    from activeloc.beliefs.histogram import HistogramBelief
+    from activeloc.beliefs.particles import ParticleBelief
 
 __all__ = ["BELIEFS", "SENSORS", "WORLDS", "EpisodeConfig", "Episodes", "Knowledge"]
 
@@ -67,8 +70,13 @@ class Episodes:
         belief = self.config.belief
         if self.config.task.kind == "kidnapped":
             belief = replace(belief, leak=max(belief.leak, self.config.task.kidnap_leak))
+        # A process that needs one filter loads nothing of the other.
         if isinstance(belief, HistogramConfig):
+            from activeloc.beliefs.histogram import HistogramBelief
+
             return HistogramBelief(self.n_robots, belief, self.filter_sensor, self.filter_motion)
+        from activeloc.beliefs.particles import ParticleBelief
+
         return ParticleBelief(self.n_robots, belief, self.filter_sensor, self.filter_motion)
 
     def episode(self, robot: int) -> Episode:
@@ -150,17 +158,13 @@ class Episodes:
         rng: np.random.Generator,
         near: NDArray[np.float64],
     ) -> None:
-        task, belief = self.config.task, self.belief
-        sigma = (task.sigma_xy, task.sigma_theta)
-        if isinstance(belief, HistogramBelief):
-            if task.start_known:
-                belief.reset_near(robot, grid, near, sigma)
-            else:
-                belief.reset(robot, grid)
-        elif task.start_known:
-            belief.reset_near(robot, grid, rng, near, sigma)
+        task, belief = self.config.task, cast("Any", self.belief)
+        # Particles need a source of their own noise.
+        source = () if isinstance(self.config.belief, HistogramConfig) else (rng,)
+        if task.start_known:
+            belief.reset_near(robot, grid, *source, near, (task.sigma_xy, task.sigma_theta))
         else:
-            belief.reset(robot, grid, rng)
+            belief.reset(robot, grid, *source)
 
     def step(self, robot: int, action: object) -> None:
         """Play one step of a robot's episode; the results are read with the methods below.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium.utils import seeding
@@ -12,9 +12,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from activeloc import checks
-from activeloc.envs.maze_episodes import MazeEpisodes, MazeKnowledge
 from activeloc.envs.worlds import AnyKnowledge, configure, episodes_of, observation_space
 from activeloc.errors import ConfigError
+
+if TYPE_CHECKING:
+    from activeloc.envs.maze_knowledge import MazeKnowledge
 
 Observation = dict[str, NDArray[Any]]
 MOST_THREADS = 256
@@ -89,6 +91,8 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         Raises:
             ConfigError: If they are in no mazes.
         """
+        from activeloc.envs.maze_episodes import MazeEpisodes
+
         if not isinstance(self._episodes, MazeEpisodes):
             raise ConfigError("batch_knowledge is the maze task's; use knowledge(robot)")
         return self._episodes.knowledge_of_all()

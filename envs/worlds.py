@@ -1,18 +1,27 @@
-"""The worlds there are: metric maps and mazes; one environment class plays in either."""
+"""The worlds there are: metric maps and mazes; one environment class plays in either.
+
+A process that plays in one loads nothing of the other.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import gymnasium as gym
 
-from activeloc.envs.episodes import EpisodeConfig, Episodes, Knowledge
-from activeloc.envs.maze_episodes import MazeConfig, MazeEpisodes, MazeKnowledge
+from activeloc.envs.episode_config import EpisodeConfig
 
-AnyConfig = EpisodeConfig | MazeConfig
-AnyEpisodes = Episodes | MazeEpisodes
-AnyKnowledge = Knowledge | MazeKnowledge
+if TYPE_CHECKING:
+    from activeloc.envs.episodes import Episodes
+    from activeloc.envs.knowledge import Knowledge
+    from activeloc.envs.maze_config import MazeConfig
+    from activeloc.envs.maze_episodes import MazeEpisodes
+    from activeloc.envs.maze_knowledge import MazeKnowledge
+
+AnyConfig: TypeAlias = "EpisodeConfig | MazeConfig"
+AnyEpisodes: TypeAlias = "Episodes | MazeEpisodes"
+AnyKnowledge: TypeAlias = "Knowledge | MazeKnowledge"
 
 
 def configure(settings: Mapping[str, Any]) -> AnyConfig:
@@ -24,19 +33,26 @@ def configure(settings: Mapping[str, Any]) -> AnyConfig:
     """
     task = settings.get("task")
     kind = task.get("kind") if isinstance(task, Mapping) else getattr(task, "kind", task)
-    build = MazeConfig.build if kind == "maze" else EpisodeConfig.build
-    return build(settings)
+    if kind != "maze":
+        return EpisodeConfig.build(settings)
+    from activeloc.envs.maze_config import MazeConfig
+
+    return MazeConfig.build(settings)
 
 
 def episodes_of(config: AnyConfig, n_robots: int, threads: int = 1) -> AnyEpisodes:
     """A batch of episodes, and how many threads share the work."""
-    if isinstance(config, MazeConfig):
-        return MazeEpisodes(config, n_robots, threads)
-    return Episodes(config, n_robots, threads)
+    if isinstance(config, EpisodeConfig):
+        from activeloc.envs.episodes import Episodes
+
+        return Episodes(config, n_robots, threads)
+    from activeloc.envs.maze_episodes import MazeEpisodes
+
+    return MazeEpisodes(config, n_robots, threads)
 
 
 def observation_space(config: AnyConfig) -> gym.spaces.Dict:
     """The observation space of one robot."""
-    if isinstance(config, MazeConfig):
-        return config.observation.space(config.size)
-    return config.observation.space(len(config.sensor.bearings))
+    if isinstance(config, EpisodeConfig):
+        return config.observation.space(len(config.sensor.bearings))
+    return config.observation.space(config.size)

@@ -190,3 +190,21 @@ def test_importing_it_loads_nothing_heavy(module):
     code = f"import {module}, sys\nprint(*(n for n in {heavy_names} if n in sys.modules))"
     there = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert there.stdout.split() == []
+
+
+@pytest.mark.parametrize(
+    ("settings", "others"),
+    [
+        ("belief='histogram'", ("beliefs.particles", "beliefs.monte_carlo", "envs.maze_episodes")),
+        ("belief='particles'", ("beliefs.histogram", "beliefs.track", "envs.maze_episodes")),
+        ("task='maze', map='maze(size=7):0'", ("beliefs.particles", "beliefs.histogram")),
+    ],
+)
+def test_an_environment_loads_nothing_of_other_beliefs(settings, others):
+    code = (
+        "import sys\nfrom activeloc.envs.localization import LocalizationEnv\n"
+        f"LocalizationEnv({settings})\n"
+        f"print(*(name for name in {others} if 'activeloc.' + name in sys.modules))"
+    )
+    there = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert there.stdout.split() == []

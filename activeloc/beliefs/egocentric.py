@@ -199,8 +199,8 @@ def draw_views(
                     p_free[start + top : start + end], seen[start + top : start + end], known,
                 )  # fmt: skip
         most = 1.0 / np.log(max(min(n, LANES), 2))
-        for count in range(LANES + 1):
-            shares[count] = min(logs[count] * most, 1.0)
+        for i in range(LANES + 1):
+            shares[i] = min(logs[i] * most, 1.0)
         for du in range(-reach, reach + 1):
             for dv in range(-reach, reach + 1):
                 at = np.uint64((size - 1 + du) * width + size - 1 + dv)
