@@ -82,6 +82,12 @@ class PlaneBelief:
         return self._sheet
 
     @property
+    def _told(self) -> Sheet:
+        """What the belief is, but for the division that waits."""
+        self.settle()
+        return self._sheet
+
+    @property
     def _turns(self) -> bool:
         """Whether a turn waits."""
         return len(self._turning.taps) > 0
@@ -242,7 +248,7 @@ class PlaneBelief:
         self._find()
 
     def normalise(self, mass: float, least: float) -> float:
-        """Divide by ``mass``, its sum, and drop states under ``least``; returns what was kept."""
+        """Divide by ``mass``, its sum, without states under ``least``; returns what was kept."""
         if least == 0.0:
             self.divide(mass)
             return 1.0
@@ -251,7 +257,7 @@ class PlaneBelief:
             sheet.values, sheet.runs, sheet.n, self.tables.layout.size, mass * self._divisor,
             least, sheet.flags,
         )  # fmt: skip
-        self._divisor = 1.0
+        self._divisor = float(kept)
         return float(kept)
 
     def cells_held(self, enough: int) -> int:
@@ -273,9 +279,10 @@ class PlaneBelief:
     def _fold(
         self, bins: CoarseBins, w: float, uniform: NDArray[np.float64], out: NDArray[np.float64]
     ) -> float:
-        sheet, layout = self.sheet, self.tables.layout
+        sheet, layout = self._told, self.tables.layout
         nats: float = summary.fold(
-            sheet.values, sheet.runs, sheet.n, layout.size, layout.cols, bins.headings,
+            sheet.values, sheet.runs, sheet.n, layout.size, layout.cols,
+            bins.headings, 1.0 / self._divisor,
             bins.row_bins, bins.row_shares, bins.col_first, bins.col_shares,
             w, uniform, self.tables.uniform_entropy, out,
         )  # fmt: skip
@@ -288,7 +295,7 @@ class PlaneBelief:
             radius: How far around [m], and
             angle: [rad].
         """
-        sheet, tables, out = self.sheet, self.tables, np.empty(4)
+        sheet, tables, out = self._told, self.tables, np.empty(4)
         bits: NDArray[Any] = sheet.values.view(f"i{sheet.values.itemsize}")
         mode = found.most_likely(bits, sheet.runs, sheet.n)
         poses = tables.poses
@@ -296,21 +303,21 @@ class PlaneBelief:
             sheet.values, tables.layout.size, poses.index, poses.centres, poses.thetas,
             tables.frame, mode, radius, angle, out,
         )  # fmt: skip
-        return out[:3], float(out[3])
+        return out[:3], float(out[3]) / self._divisor
 
     def near(self, pose: NDArray[np.float64], radius: float, angle: float) -> float:
         """Mass around a pose ``(3,)``."""
         poses, out = self.tables.poses, np.empty(4)
-        sheet = self.sheet
+        sheet = self._told
         found.near(
             sheet.values, self.tables.layout.size, poses.index, poses.centres, poses.thetas,
             self.tables.frame, pose, radius, angle, out,
         )  # fmt: skip
-        return float(out[0])
+        return float(out[0]) / self._divisor
 
     def at_shares(self, shares: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
         """Cells and heading bins at ascending shares ``(N,)`` in [0, 1) of the mass."""
-        sheet, states = self.sheet, np.empty(len(shares), dtype=np.int64)
+        sheet, states = self._told, np.empty(len(shares), dtype=np.int64)
         found.at_shares(sheet.values, sheet.runs, sheet.n, shares, states)
         heading, place = np.divmod(states, self.tables.layout.size)
         return self.tables.poses.index.ravel()[place], heading

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.beliefs.plane_layout import BLOCK, CHUNK, collect, mark
+from activeloc.beliefs.plane_layout import BLOCK, CHUNK, collect, holds, mark
 
 
 @njit(cache=True, nogil=True)
@@ -100,6 +100,31 @@ def weigh(
 
 
 @njit(cache=True, nogil=True)
+def _count(of: NDArray[np.float32], limit: float | np.floating) -> tuple[int, int]:
+    """How many states are not empty and under a limit, and how many are not under it."""
+    small, kept, zero = np.int32(0), np.int32(0), of.dtype.type(0)
+    for i in range(of.shape[0]):
+        small = np.int32(small + np.int32((of[i] < limit) & (of[i] > zero)))
+        kept = np.int32(kept + np.int32((of[i] >= limit) & (of[i] > zero)))
+    return small, kept
+
+
+@njit(cache=True, nogil=True)
+def _drop(
+    of: NDArray[np.float32],
+    limit: float | np.floating,
+    factor: float | np.floating,
+    dropped: NDArray[np.float64],
+) -> None:
+    """Empty what is under a limit, adding it up state by state, and multiply the rest."""
+    zero = of.dtype.type(0)
+    for i in range(of.shape[0]):
+        kept = of[i] if of[i] >= limit else zero
+        dropped[i] += of[i] - kept
+        of[i] = kept * factor
+
+
+@njit(cache=True, nogil=True)
 def normalise(
     values: NDArray[np.float32],
     runs: NDArray[np.int32],
@@ -109,10 +134,12 @@ def normalise(
     least: float,
     flags: NDArray[np.uint8],
 ) -> tuple[int, float]:
-    """Divide by ``mass``, drop states under ``least``, keep the runs that are left.
+    """Divide by ``mass``, then drop states under ``least``; keep the runs that are left.
+
+    A block without mass is no part of a run any more, unless its run is half full.
 
     Args:
-        values: ``(K * P,)``, overwritten.
+        values: ``(K * P,)``, overwritten; sums to the mass that was kept of one.
         runs: Overwritten.
         n: How many.
         size: P.
@@ -126,60 +153,23 @@ def normalise(
     if least * states_of(runs, n) >= 1.0 and largest(values, runs, n) < least * mass:
         least = 0.0
     # In the belief's own precision, so that several states can be done at once.
-    zero = values.dtype.type(0)
-    scale, limit = values.dtype.type(1.0 / mass), values.dtype.type(least * mass)
-    dropped = 0.0
+    factor, limit = values.dtype.type(1.0 / mass), values.dtype.type(least * mass)
+    dropped = np.zeros(CHUNK)
     for r in range(n):
-        of, small = values[runs[r, 0] : runs[r, 1]], 0
-        for i in range(of.shape[0]):
-            small += (of[i] < limit) & (of[i] > zero)
-        for i in range(of.shape[0] if small > 0 else 0):
-            if of[i] < limit:
-                dropped += of[i]
-                of[i] = zero
-        for i in range(of.shape[0]):
-            of[i] *= scale
-    lost = dropped / mass
-    n = prune(values, runs, n, size, flags)
-    if lost > 0.0:
-        scale = values.dtype.type(1.0 / (1.0 - lost))
-        for r in range(n):
-            of = values[runs[r, 0] : runs[r, 1]]
+        of = values[runs[r, 0] : runs[r, 1]]
+        small, kept = _count(of, limit)
+        if small > 0:
+            _drop(of, limit, factor, dropped)
+        else:
             for i in range(of.shape[0]):
-                of[i] *= scale
-    return n, 1.0 - lost
-
-
-@njit(cache=True, nogil=True)
-def prune(
-    values: NDArray[np.float32],
-    runs: NDArray[np.int32],
-    n: int,
-    size: int,
-    flags: NDArray[np.uint8],
-) -> int:
-    """Leave blocks without mass out of the runs, unless their run is half full; how many are left.
-
-    Args:
-        values: ``(K * P,)``.
-        runs: Overwritten.
-        n: How many.
-        size: P.
-        flags: Zeros.
-    """
-    for r in range(n):
-        of, held = values[runs[r, 0] : runs[r, 1]], 0
-        for i in range(of.shape[0]):
-            held += of[i] > 0.0
-        if 2 * held > of.shape[0]:
+                of[i] *= factor
+        if 2 * kept > of.shape[0]:
             mark(flags, runs[r, 0], runs[r, 1])
             continue
-        for b in range(np.uint64(runs[r, 0] // BLOCK), np.uint64(runs[r, 1] // BLOCK)):
-            for i in range(BLOCK):
-                if values[b * np.uint64(BLOCK) + np.uint64(i)] > 0.0:
-                    flags[b] = 1
-                    break
-    return collect(flags, size, runs)
+        for b in range(np.uint64(runs[r, 0]), np.uint64(runs[r, 1]), np.uint64(BLOCK)):
+            if kept > 0 and holds(values, b, np.uint64(BLOCK)):
+                flags[b // np.uint64(BLOCK)] = 1
+    return collect(flags, size, runs), 1.0 - dropped.sum() / mass
 
 
 @njit(cache=True, nogil=True)
@@ -198,15 +188,16 @@ def places_held(
     values: NDArray[np.float32], runs: NDArray[np.int32], n: int, size: int, enough: int
 ) -> int:
     """At how many places there is any mass; counts no further than a little over ``enough``."""
-    seen, count = np.zeros(size, dtype=np.bool_), 0
+    seen, count, looked = np.zeros(size, dtype=np.uint8), 0, 0
     for r in range(n):
         start = runs[r, 0] % size
         there = seen[start : start + runs[r, 1] - runs[r, 0]]
         of = values[runs[r, 0] : runs[r, 1]]
         for i in range(there.shape[0]):
-            if of[i] > 0.0 and not there[i]:
-                there[i] = True
-                count += 1
-        if count > enough:
-            break
+            there[i] |= of[i] > 0.0
+        looked += of.shape[0]
+        if looked > size or r == n - 1:
+            count, looked = seen.sum(), 0
+            if count > enough:
+                break
     return count

@@ -106,6 +106,20 @@ def mark(flags: NDArray[np.uint8], first: int, last: int) -> None:
 
 
 @njit(cache=True, nogil=True)
+def holds(of: NDArray[np.float32], at: np.uint64 | int, n: np.uint64 | int) -> bool:
+    """Whether a stretch of blocks holds anything."""
+    per = np.uint64(of.itemsize // 4)
+    bits, at, n = of.view(np.int32), at * per, n * per
+    for first in range(at, at + n, np.uint64(BLOCK)):
+        held = np.int32(0)
+        for i in range(np.uint64(BLOCK)):
+            held |= bits[first + i]
+        if held != 0:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True)
 def collect(flags: NDArray[np.uint8], size: int, runs: NDArray[np.int32]) -> int:
     """Turn flags into runs, and take them back; returns how many runs that is.
 

@@ -8,11 +8,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.beliefs.plane_layout import BLOCK, CHUNK, clear_rest, collect
+from activeloc.beliefs.plane_layout import BLOCK, CHUNK, clear_rest, collect, holds
 from activeloc.beliefs.plane_tiles import (
     WIDE,
     Turning,
-    holds,
     scratch_of,
     store_tile,
     tiles_of,
@@ -59,7 +58,7 @@ def _look_up(
         out[to + i] = p[row[at + i]]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _weigh_row(
     of: NDArray[np.float32],
     at: np.uint64,
@@ -72,7 +71,7 @@ def _weigh_row(
     Args:
         of: Overwritten from ``at`` on,
         at: see above,
-        n: so many, a multiple of the block.
+        n: so many.
         by: Likelihoods; those of each beam from
         where: ``(A,)`` on.
     """
@@ -81,20 +80,18 @@ def _weigh_row(
         many = min(left, 4)
         i0, i1 = where[b], where[b + min(1, many - 1)]
         i2, i3 = where[b + min(2, many - 1)], where[b + many - 1]
-        for first in range(np.uint64(0), n, np.uint64(BLOCK)):
-            to, a, c, d, e = at + first, i0 + first, i1 + first, i2 + first, i3 + first
-            if many == 4:
-                for i in range(np.uint64(BLOCK)):
-                    of[to + i] *= (by[a + i] * by[c + i]) * (by[d + i] * by[e + i])
-            elif many == 3:
-                for i in range(np.uint64(BLOCK)):
-                    of[to + i] *= (by[a + i] * by[c + i]) * by[d + i]
-            elif many == 2:
-                for i in range(np.uint64(BLOCK)):
-                    of[to + i] *= by[a + i] * by[c + i]
-            else:
-                for i in range(np.uint64(BLOCK)):
-                    of[to + i] *= by[a + i]
+        if many == 4:
+            for i in range(n):
+                of[at + i] *= (by[i0 + i] * by[i1 + i]) * (by[i2 + i] * by[i3 + i])
+        elif many == 3:
+            for i in range(n):
+                of[at + i] *= (by[i0 + i] * by[i1 + i]) * by[i2 + i]
+        elif many == 2:
+            for i in range(n):
+                of[at + i] *= by[i0 + i] * by[i1 + i]
+        else:
+            for i in range(n):
+                of[at + i] *= by[i0 + i]
         b, left = b + many, left - many
 
 
@@ -157,35 +154,37 @@ def multiply(
     n_beams = readings.shape[0]
     which, distinct = np.empty(n_beams, dtype=np.int64), np.empty(n_beams, dtype=readings.dtype)
     n_distinct = _number_readings(readings, which, distinct)
-    wide = (
-        1
-        if turning.n_flat > 0
-        else min(WIDE, max(1, ROOM // max(1, n_distinct * n_directions * BLOCK)))
-    )
-    tiles, alive = tiles_of(runs, n, size, n_headings, wide)
+    n_slots = max(1, n_distinct * n_directions)
+    tiles, alive = tiles_of(runs, n, size, n_headings, 1 if turning.n_flat > 0 else WIDE)
     scratch = scratch_of(values, size, turning, tiles)
-    width = scratch.turned.shape[0] // n_headings
-    known = np.full(n_distinct * n_directions, -1, dtype=np.int32)
-    by = np.empty(n_distinct * n_directions * width, dtype=values.dtype)
-    where, sums = np.empty(n_beams, dtype=np.uint64), np.zeros(CHUNK)
-    factor = values.dtype.type(scale)
+    # A wide tile is weighed in strips, so that the likelihoods of one stay in fast memory.
+    strip = np.uint64(max(1, ROOM // (n_slots * BLOCK)) * BLOCK)
+    known, strips = np.full(n_slots, -1, dtype=np.int32), 0
+    by, sums = np.empty(n_slots * int(strip), dtype=values.dtype), np.zeros(CHUNK)
+    where, factor = np.empty(n_beams, dtype=np.uint64), values.dtype.type(scale)
     for t in range(tiles.shape[0]):
-        k, n_rows = turn_tile(values, size, tiles[t], alive[t], turning, scratch)
-        start, stop = tiles[t]
-        length, first, of = np.uint64(stop - start), k, scratch.turned
-        for i in range(n_rows if n_beams > 0 else 0):
-            at = np.uint64(i) * length
-            if holds(of, at, length):
-                for b in range(n_beams):
-                    direction = (k * per_heading + offsets[b]) % n_directions
-                    slot = which[b] * n_directions + direction
-                    where[b] = np.uint64(slot * width)
-                    if known[slot] != t:
-                        known[slot] = t
-                        here = np.uint64(direction * size + start)
-                        _look_up(row, here, p[readings[b]], by, where[b], length)
-                _weigh_row(of, at, length, by, where)
-            k = k + 1 if k + 1 < n_headings else 0
+        first, n_rows = turn_tile(values, size, tiles[t], alive[t], turning, scratch)
+        of, length = scratch.turned, np.uint64(tiles[t, 1] - tiles[t, 0])
+        for begin in range(np.uint64(0), length if n_beams > 0 else np.uint64(0), strip):
+            k, wide = first, min(strip, length - begin)
+            strips += 1
+            for i in range(n_rows):
+                at = np.uint64(i) * length + begin
+                if holds(of, at, wide):
+                    for b in range(n_beams):
+                        direction = (k * per_heading + offsets[b]) % n_directions
+                        slot = which[b] * n_directions + direction
+                        where[b] = np.uint64(slot) * strip
+                        if known[slot] != strips:
+                            known[slot] = strips
+                            here = np.uint64(direction * size + tiles[t, 0]) + begin
+                            _look_up(row, here, p[readings[b]], by, where[b], wide)
+                    # Loops of a known length are twice as fast where they are short.
+                    if wide == BLOCK:
+                        _weigh_row(of, at, np.uint64(BLOCK), by, where)
+                    else:
+                        _weigh_row(of, at, wide, by, where)
+                k = k + 1 if k + 1 < n_headings else 0
         _scale(of, np.uint64(n_rows) * length, factor, sums)
         store_tile(of, n_rows, first, tiles[t], out, size, flags)
     clear_rest(out, out_runs, n_out, flags)

@@ -111,6 +111,7 @@ def fold(
     size: int,
     cols: int,
     headings: NDArray[np.float64],
+    factor: float,
     row_bins: NDArray[np.int32],
     row_shares: NDArray[np.float64],
     col_first: NDArray[np.int32],
@@ -129,6 +130,7 @@ def fold(
         size: P.
         cols: Places in a row.
         headings: ``(H, K)``; share of each heading bin in each coarse one.
+        factor: What the belief is multiplied by.
         row_bins: ``(rows, W)``; coarse rows under each row, and
         row_shares: ``(rows, W)`` of it in each.
         col_first: ``(X + 1,)``; first column under each coarse column.
@@ -155,7 +157,8 @@ def fold(
     for j in range(headings.shape[0]):
         for k in range(n_headings):
             if headings[j, k] > 0.0 and first[k] < first[k + 1]:
-                _add_planes(values, runs, first, k, size, cols, headings[j, k], plane, low, high)
+                share = headings[j, k] * factor
+                _add_planes(values, runs, first, k, size, cols, share, plane, low, high)
         _fold_rows(plane, cols, low, high, row_bins, row_shares, folded, span)
         for y in range(n_coarse):
             if span[y, 0] >= span[y, 1]:

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.beliefs.plane_layout import BLOCK, clear_rest, collect
+from activeloc.beliefs.plane_layout import BLOCK, clear_rest, collect, holds, mark
 
 WIDE = 32  # Blocks of a tile; one where little is listed, so that no more is listed afterwards.
 SPARSE = 8  # Little is listed if less than one in so many states is.
@@ -127,31 +127,20 @@ def scratch_of(
 
 
 @njit(cache=True, nogil=True)
-def holds(of: NDArray[np.float32], at: np.uint64 | int, n: np.uint64 | int) -> bool:
-    """Whether a stretch of blocks holds anything."""
-    per = np.uint64(of.itemsize // 4)
-    bits, at, n = of.view(np.int32), at * per, n * per
-    for first in range(at, at + n, np.uint64(BLOCK)):
-        held = np.int32(0)
-        for i in range(np.uint64(BLOCK)):
-            held |= bits[first + i]
-        if held != 0:
-            return True
-    return False
-
-
-@njit(cache=True, nogil=True)
 def store(
     of: NDArray[np.float32],
-    at: np.uint64 | int,
-    n: np.uint64 | int,
+    at: np.uint64,
+    n: np.uint64,
     out: NDArray[np.float32],
-    to: np.uint64 | int,
+    to: np.uint64,
 ) -> None:
-    """Copy a stretch of blocks, one at a time: most often it is one."""
-    for first in range(np.uint64(0), n, np.uint64(BLOCK)):
+    """Copy a stretch, most often of one block: a loop of a known length."""
+    if n == BLOCK:
         for i in range(np.uint64(BLOCK)):
-            out[to + first + i] = of[at + first + i]
+            out[to + i] = of[at + i]
+    else:
+        for i in range(n):
+            out[to + i] = of[at + i]
 
 
 @njit(cache=True, nogil=True)
@@ -365,7 +354,7 @@ def store_tile(
     size: int,
     flags: NDArray[np.uint8],
 ) -> None:
-    """Put a tile where it belongs, those blocks that hold anything, and flag them.
+    """Put a tile where it belongs, those rows that hold anything, and flag them.
 
     Args:
         of: The tile's rows.
@@ -378,12 +367,10 @@ def store_tile(
     """
     k, n_headings, length = first, out.shape[0] // size, np.uint64(tile[1] - tile[0])
     for row in range(n_rows):
-        to, block = np.uint64(k * size + tile[0]), np.uint64(BLOCK)
-        for at in range(np.uint64(row) * length, np.uint64(row + 1) * length, block):
-            if holds(of, at, block):
-                store(of, at, block, out, to)
-                flags[to // block] = 1
-            to += block
+        at = np.uint64(row) * length
+        if holds(of, at, length):
+            store(of, at, length, out, np.uint64(k * size + tile[0]))
+            mark(flags, k * size + tile[0], k * size + tile[1])
         k = k + 1 if k + 1 < n_headings else 0
 
 

@@ -102,7 +102,7 @@ class Track:
     def live_share(self) -> float:
         """Share of the cells that hold any mass."""
         n = len(self.tables.layout.place)
-        return self.bel.cells_held(n) / n
+        return self.bel.cells_held(n - 1) / n
 
     def predict(self, u: NDArray[np.float64], noise: MotionNoise, touched: bool) -> None:
         """See :meth:`HistogramBelief.predict`."""
