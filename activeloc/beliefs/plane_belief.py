@@ -68,7 +68,8 @@ class PlaneBelief:
     @property
     def by_cell(self) -> NDArray[np.floating]:
         """``(C, K)``, a copy."""
-        return self.tables.layout.by_cell(self.sheet.values)
+        values = self.tables.layout.by_cell(self._told.values)
+        return values if self._divisor == 1.0 else values * values.dtype.type(1.0 / self._divisor)
 
     @property
     def sheet(self) -> Sheet:
@@ -221,8 +222,8 @@ class PlaneBelief:
 
     def mass(self) -> float:
         """Sum of it all."""
-        sheet = self.sheet
-        return float(kernels.total(sheet.values, sheet.runs, sheet.n))
+        sheet = self._told
+        return float(kernels.total(sheet.values, sheet.runs, sheet.n)) / self._divisor
 
     def divide(self, mass: float) -> None:
         """Divide by ``mass``."""

@@ -106,7 +106,7 @@ def _count(of: NDArray[np.float32], limit: float | np.floating) -> tuple[int, in
     for i in range(of.shape[0]):
         small = np.int32(small + np.int32((of[i] < limit) & (of[i] > zero)))
         kept = np.int32(kept + np.int32((of[i] >= limit) & (of[i] > zero)))
-    return small, kept
+    return int(small), int(kept)
 
 
 @njit(cache=True, nogil=True)

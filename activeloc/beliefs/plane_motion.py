@@ -7,27 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.beliefs.plane_layout import BLOCK, CHUNK, clear_rest, collect, mark
-
-
-@njit(cache=True, nogil=True)
-def _blend(
-    out: NDArray[np.float32],
-    first: bool,
-    a: NDArray[np.float32],
-    b: NDArray[np.float32],
-    c: NDArray[np.float32],
-    d: NDArray[np.float32],
-    weights: NDArray[np.float32],
-) -> None:
-    """Set ``out`` to, or unless it is the first add, a weighted sum of four stretches as long."""
-    wa, wb, wc, wd = weights[0], weights[1], weights[2], weights[3]
-    if first:
-        for i in range(out.shape[0]):
-            out[i] = (wa * a[i] + wb * b[i]) + (wc * c[i] + wd * d[i])
-    else:
-        for i in range(out.shape[0]):
-            out[i] += (wa * a[i] + wb * b[i]) + (wc * c[i] + wd * d[i])
+from activeloc.beliefs.plane_layout import BLOCK, CHUNK, clear_rest, collect, holds, mark
 
 
 @njit(cache=True, nogil=True)
@@ -38,18 +18,74 @@ def _mark_travelled(
     n_headings: int,
     turned: int,
     cols: int,
+    start: NDArray[np.int64],
+    shift: NDArray[np.int32],
     box: NDArray[np.int32],
+    edge_start: NDArray[np.int64],
     flags: NDArray[np.uint8],
 ) -> None:
-    """Flag what a travel reaches; see :func:`translate`."""
+    """Flag what a travel may reach; see :func:`translate`.
+
+    On open ground that is where the stencil leads, beside obstacles all on the way there.
+    """
     for r in range(n):
         k = runs[r, 0] // size
         way, low, high = (k + turned) % n_headings, k * size, (k + 1) * size
+        first_edge = edge_start[(runs[r, 0] + (way - k) * size) // BLOCK]
+        if first_edge == edge_start[(runs[r, 1] + (way - k) * size) // BLOCK]:
+            for e in range(start[way], start[way + 1]):
+                first, last = max(low, runs[r, 0] + shift[e]), min(high, runs[r, 1] + shift[e])
+                if first < last:
+                    mark(flags, first, last)
+            continue
         for row in range(box[way, 0], box[way, 1] + 1):
             first = max(low, runs[r, 0] + row * cols + box[way, 2])
             last = min(high, runs[r, 1] + row * cols + box[way, 3])
             if first < last:
                 mark(flags, first, last)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _gather(
+    out: NDArray[np.float32],
+    to: np.uint64,
+    n: np.uint64,
+    plane: NDArray[np.float32],
+    at: int,
+    shifts: NDArray[np.int32],
+    weights: NDArray[np.float32],
+    first: int,
+    last: int,
+) -> None:
+    """out[to + i] = sum over e of weights[e] plane[at + i - shifts[e]], i up to n.
+
+    Entries from ``first`` to ``last`` come in fours, but for one that may be left over.
+    """
+    for e in range(first, last - 3, 4):
+        wa, wb, wc, wd = weights[e], weights[e + 1], weights[e + 2], weights[e + 3]
+        a, b = np.uint64(at - shifts[e]), np.uint64(at - shifts[e + 1])
+        c, d = np.uint64(at - shifts[e + 2]), np.uint64(at - shifts[e + 3])
+        if e == first:
+            for i in range(n):
+                out[to + i] = (wa * plane[a + i] + wb * plane[b + i]) + (
+                    wc * plane[c + i] + wd * plane[d + i]
+                )
+        else:
+            for i in range(n):
+                out[to + i] += (wa * plane[a + i] + wb * plane[b + i]) + (
+                    wc * plane[c + i] + wd * plane[d + i]
+                )
+    if (last - first) % 4 > 0:
+        w, a = weights[last - 1], np.uint64(at - shifts[last - 1])
+        if last - first == 1:
+            for i in range(n):
+                out[to + i] = w * plane[a + i]
+        else:
+            for i in range(n):
+                out[to + i] += w * plane[a + i]
+    elif first == last:
+        for i in range(n):
+            out[to + i] = 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -100,70 +136,104 @@ def translate(
     Returns:
         How many runs ``out`` has, and its sum.
     """
-    n_headings, zero = values.shape[0] // size, values.dtype.type(0)
-    _mark_travelled(runs, n, size, n_headings, turned, cols, box, flags)
+    n_headings = values.shape[0] // size
+    _mark_travelled(
+        runs, n, size, n_headings, turned, cols, stencil_start, stencil_shift, box, edge_start,
+        flags,
+    )  # fmt: skip
     clear_rest(out, out_runs, n_out, flags)
     n_out = collect(flags, size, out_runs)
     margin = 0
     for e in range(stencil_shift.shape[0]):
         margin = max(margin, abs(stencil_shift[e]))
-    open_ground = np.zeros(size + 2 * margin, dtype=values.dtype)
-    sums = np.zeros(CHUNK)
+    open_ground, sums = np.zeros(size + 2 * margin, dtype=values.dtype), np.zeros(CHUNK)
     r, o = 0, 0
     while r < n:
         k = runs[r, 0] // size
-        way, low, begin, written = (k + turned) % n_headings, k * size, r, o
-        here = values[low : low + size]
-        while r < n and runs[r, 0] < low + size:
-            start, stop = runs[r, 0] - low, runs[r, 1] - low
-            _keep(
-                open_ground[start + margin : stop + margin], here[start:stop],
-                plain[way * size + start : way * size + stop],
-            )  # fmt: skip
+        way, begin, written = (k + turned) % n_headings, r, o
+        while r < n and runs[r, 0] < (k + 1) * size:
+            to = runs[r, 0] - k * size + margin
+            _keep(values, plain, runs[r], (way - k) * size, open_ground, to)
             r += 1
-        while o < n_out and out_runs[o, 0] < low + size:
-            _gather(
-                out[out_runs[o, 0] : out_runs[o, 1]], open_ground, out_runs[o, 0] - low + margin,
-                stencil_shift[stencil_start[way] : stencil_start[way + 1]],
-                stencil_weight[stencil_start[way] : stencil_start[way + 1]],
-            )  # fmt: skip
+        first, last = stencil_start[way], stencil_start[way + 1]
+        while o < n_out and out_runs[o, 0] < (k + 1) * size:
+            to, length = np.uint64(out_runs[o, 0]), np.uint64(out_runs[o, 1] - out_runs[o, 0])
+            at = out_runs[o, 0] - k * size + margin
+            if length == BLOCK:
+                _gather(
+                    out, to, np.uint64(BLOCK), open_ground, at, stencil_shift, stencil_weight,
+                    first, last,
+                )  # fmt: skip
+            else:
+                _gather(
+                    out, to, length, open_ground, at, stencil_shift, stencil_weight, first, last
+                )  # fmt: skip
             o += 1
-        there = out[low : low + size]
         for i in range(begin, r):
-            start, stop = runs[i, 0] - low, runs[i, 1] - low
-            open_ground[start + margin : stop + margin] = zero
-            first_edge = edge_start[(way * size + start) // BLOCK]
-            last_edge = edge_start[(way * size + stop) // BLOCK]
-            for e in range(np.uint64(first_edge), np.uint64(last_edge)):
-                there[target[e]] += here[source[e]] * weight[e]
+            to = runs[i, 0] - k * size + margin
+            open_ground[to : to + runs[i, 1] - runs[i, 0]] = 0.0
+            _add_edges(
+                values, k * size, edge_start[(runs[i, 0] + (way - k) * size) // BLOCK],
+                edge_start[(runs[i, 1] + (way - k) * size) // BLOCK], source, target, weight, out,
+            )  # fmt: skip
         for i in range(written, o):
-            of = out[out_runs[i, 0] : out_runs[i, 1]]
-            for j in range(of.shape[0]):
-                sums[j] += of[j]
-    return n_out, sums.sum()
+            _sum_up(out, out_runs[i], sums, flags)
+    return collect(flags, size, out_runs), sums.sum()
 
 
 @njit(cache=True, nogil=True)
-def _keep(out: NDArray[np.float32], of: NDArray[np.float32], kept: NDArray[np.uint8]) -> None:
-    """Copy a stretch where it is kept; zero elsewhere."""
-    zero = of.dtype.type(0)
-    for i in range(out.shape[0]):
-        out[i] = of[i] if kept[i] != 0 else zero
-
-
-@njit(cache=True, nogil=True)
-def _gather(
+def _keep(
+    values: NDArray[np.float32],
+    kept: NDArray[np.uint8],
+    run: NDArray[np.int32],
+    turned: int,
     out: NDArray[np.float32],
-    plane: NDArray[np.float32],
-    at: int,
-    shifts: NDArray[np.int32],
-    weights: NDArray[np.float32],
+    to: int,
 ) -> None:
-    """out[i] = sum over e of weights[e] plane[at + i - shifts[e]]; entries come in fours."""
-    length = out.shape[0]
-    for e in range(0, shifts.shape[0], 4):
-        a, b, c, d = at - shifts[e], at - shifts[e + 1], at - shifts[e + 2], at - shifts[e + 3]
-        _blend(
-            out, e == 0, plane[a : a + length], plane[b : b + length],
-            plane[c : c + length], plane[d : d + length], weights[e : e + 4],
-        )  # fmt: skip
+    """Copy a run where it is kept, zero elsewhere.
+
+    Args:
+        values: ``(K * P,)``.
+        kept: ``(K * P,)``; for a state of the run ``turned`` further on.
+        run: ``(2,)``.
+        turned: See above.
+        out: Overwritten from ``to`` on.
+        to: See there.
+    """
+    at, where, there = np.uint64(run[0]), np.uint64(run[0] + turned), np.uint64(to)
+    zero = values.dtype.type(0)
+    for i in range(np.uint64(run[1] - run[0])):
+        out[there + i] = values[at + i] if kept[where + i] != 0 else zero
+
+
+@njit(cache=True, nogil=True)
+def _add_edges(
+    values: NDArray[np.float32],
+    plane: int,
+    first: int,
+    last: int,
+    source: NDArray[np.uint16],
+    target: NDArray[np.uint16],
+    weight: NDArray[np.float32],
+    out: NDArray[np.float32],
+) -> None:
+    """Add the rows beside obstacles, entries ``first`` to ``last``, of the plane that begins so."""
+    here, there = values[plane:], out[plane:]
+    for e in range(np.uint64(first), np.uint64(last)):
+        there[target[e]] += here[source[e]] * weight[e]
+
+
+@njit(cache=True, nogil=True)
+def _sum_up(
+    values: NDArray[np.float32],
+    run: NDArray[np.int32],
+    sums: NDArray[np.float64],
+    flags: NDArray[np.uint8],
+) -> None:
+    """Add a run to ``sums`` and flag its blocks, those that hold anything."""
+    of = values[run[0] : run[1]]
+    for i in range(of.shape[0]):
+        sums[i] += of[i]
+    for at in range(np.uint64(run[0]), np.uint64(run[1]), np.uint64(BLOCK)):
+        if holds(values, at, np.uint64(BLOCK)):
+            flags[at // np.uint64(BLOCK)] = 1

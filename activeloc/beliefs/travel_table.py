@@ -83,7 +83,10 @@ class Travel:
     def fours(
         self, precision: str
     ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.floating]]:
-        """The stencils as starts, shifts of places and weights, filled up to fours with nothing."""
+        """The stencils as starts, shifts of places and weights.
+
+        They are filled up to fours with nothing, unless only one is left over.
+        """
         if precision not in self._fours:
             self._fours[precision] = self._filled_up(precision)
         return self._fours[precision]
@@ -92,7 +95,7 @@ class Travel:
         self, precision: str
     ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.floating]]:
         size = np.diff(self.stencil_start)
-        start = np.append(0, (-(-size // 4) * 4).cumsum())
+        start = np.append(0, (size + np.where(size % 4 > 1, -size % 4, 0)).cumsum())
         shift, weight = np.zeros(start[-1], np.int32), np.zeros(start[-1], precision)
         owner = np.repeat(np.arange(len(size)), size)
         at = np.arange(len(owner)) - self.stencil_start[owner] + start[owner]
