@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from activeloc.beliefs import Summary
 from activeloc.envs.rewards import RewardWeights
-from activeloc.envs.tasks import Task, Watch, carried, is_near, pose_error
+from activeloc.envs.tasks import Task, Watch, carried, distance, is_near, pose_error
 
 
 @dataclass(slots=True)
@@ -72,46 +72,59 @@ class Episode:
         """The last step's."""
         return float(sum(self.terms.values()))
 
-    def begin(self, truth: NDArray[np.float64]) -> None:
+    def begin(self, held: float, truth: NDArray[np.float64]) -> None:
         """Take note of the belief after the first scan.
 
         Args:
+            held: See :meth:`judge`.
             truth: ``(3,)``; where the robot is.
         """
-        self._watch(self.summary.estimate, truth)
+        self._watch(self.summary.estimate, held, truth)
 
-    def judge(self, summary: Summary, weights: RewardWeights, truth: NDArray[np.float64]) -> None:
+    def judge(
+        self,
+        summary: Summary,
+        held: float,
+        weights: RewardWeights,
+        truth: NDArray[np.float64],
+    ) -> None:
         """Take in the belief after a step: has it declared, and what is that worth?
 
         Args:
             summary: Of the belief.
+            held: Its mass within ``task.leap`` of the estimate; of a robot that may be carried off.
             weights: Of the reward's terms.
             truth: ``(3,)``; where the robot is.
         """
         before, last = self.entropy_fraction, self.summary.estimate
         self.summary = summary
-        self._watch(last, truth, moved=True)
+        self._watch(carried(last, self.u), held, truth)
         self._declare(truth)
         self.terms = weights.terms(before, self.entropy_fraction, self.right, self.wrong)
 
     def _watch(
-        self, last: NDArray[np.float64], truth: NDArray[np.float64], moved: bool = False
+        self, reckoned: NDArray[np.float64], held: float, truth: NDArray[np.float64]
     ) -> None:
-        """Take note of what a kidnapped robot believes; ``last`` is its estimate before."""
+        """Take note of what a robot believes that may be carried off.
+
+        Args:
+            reckoned: ``(3,)``; where the odometry takes the estimate before.
+            held: See :meth:`judge`.
+            truth: ``(3,)``; where it is.
+        """
         if self.task.kind == "kidnapped":
-            estimate = self.summary.estimate
+            estimate, sure = self.summary.estimate, self.summary.mass >= self.task.confidence
             near = is_near(*pose_error(estimate, truth))
-            jump = pose_error(estimate, carried(last, self.u) if moved else last)
-            self.watch.see(self.step, self.summary.mass, near, jump)
+            self.watch.see(self.step, sure and near, held, near, distance(estimate, reckoned))
 
     def _declare(self, truth: NDArray[np.float64]) -> None:
         """End the episode when the belief has been sure for long enough."""
         task = self.task
         sure = self.summary.mass >= task.confidence
-        armed = task.kind != "kidnapped" or self.watch.noticed
+        near = is_near(*pose_error(self.summary.estimate, truth))
+        armed = task.kind != "kidnapped" or self.watch.may_declare(near)
         self.held = self.held + 1 if sure and armed else 0
         if task.declares and self.held >= task.hold:
-            near = is_near(*pose_error(self.summary.estimate, truth))
             self.over, self.right, self.wrong = True, near, not near
 
     def info(self, weights: RewardWeights, truth: NDArray[np.float64]) -> dict[str, Any]:

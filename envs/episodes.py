@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import pi
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from activeloc.beliefs import Summary
 from activeloc.beliefs.metric_view import MetricView
 from activeloc.beliefs.novelty import drop_novel
 from activeloc.beliefs.settings import HistogramConfig
@@ -148,7 +150,7 @@ class Episodes:
         summary = self.belief.summarise(robot)
         episode = Episode(task, world, novelty_rng, summary, scan, step, pose, given)
         episode.impossible, episode.dropped = impossible, dropped
-        episode.begin(truth)
+        episode.begin(self._held(robot, episode.summary), truth)
         self._episodes[robot] = episode
 
     def _start_belief(
@@ -210,7 +212,15 @@ class Episodes:
         episode.impossible += impossible
         episode.dropped += dropped
         summary = self.belief.summarise(robot)
-        episode.judge(summary, self.config.reward, self.simulator.poses[robot])
+        held = self._held(robot, summary)
+        episode.judge(summary, held, self.config.reward, self.simulator.poses[robot])
+
+    def _held(self, robot: int, summary: Summary) -> float:
+        """Mass of a belief about its estimate, wide enough that a robot carried off is outside."""
+        task = self.config.task
+        if task.kind != "kidnapped":
+            return 1.0
+        return self.belief.mass_near(robot, summary.estimate, task.leap, pi)
 
     def _correct(
         self, robot: int, scan: NDArray[np.float64], rng: np.random.Generator

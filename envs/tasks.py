@@ -7,16 +7,17 @@ truth lies in that window too, otherwise wrong and sure.
 
 Of a kidnapped robot it is told besides (:class:`Watch`):
 
-- *noticed*: at the step at which it was carried off, or later, less than ``let_go`` lies near the
-  estimate, or the estimate has leapt ``leap`` or more, or turned by ``leap_theta`` or more, from
-  where the odometry takes the last one: the belief has let go. Only then can it declare. A belief
-  that is merely less than sure has noticed nothing: many are so in passing, and are sure of the old
-  place again a moment later.
-- *recovered*: a right declaration after that.
+- *let go*: less than ``let_go`` of the belief lies within ``leap`` of the estimate, or the estimate
+  has leapt ``leap`` or more from where the odometry takes the last one. A belief that is merely
+  less than sure holds on: a robot that turns on open ground, where it sees nothing, forgets how it
+  is turned, and remembers at the next wall.
+- *noticed*: the belief let go at the step at which the robot was carried off, or later. Only then
+  can it declare a wrong place: before, it is sure of where the robot has been. It can declare the
+  right one at any time, for a robot carried a few steps away may be followed there.
+- *recovered*: a right declaration after the kidnapping.
 - *false alarm*: with nobody having carried it off, the belief was sure and right for ``hold`` steps
-  running, and at a later step less than ``let_go`` lies near the estimate, or the estimate has
-  jumped away from the truth: it is neither near the truth nor near where the odometry takes the
-  last one. A slow drift is no alarm.
+  running, and let go at a later step, of the truth: a leap to the truth, and a slow drift, is no
+  alarm.
 
 A robot that nobody carries off has nothing to declare. With ``kidnap="never"``, and with ``"rate"``
 until it happens, the episode goes on to the limit; success is to be near the truth then without a
@@ -50,14 +51,12 @@ class Task:
         kind: ``global`` (the belief starts uniform), ``tracking`` (it starts near the truth; no
             declaration, the robot must still know where it is at the limit) or ``kidnapped`` (it
             starts near the truth, then the robot is carried to a random place and not told; a
-            declaration counts once the belief has let go).
+            wrong declaration counts once the belief has let go).
         confidence: Probability near the estimate that a declaration needs.
         hold: Steps running for which it must last.
-        let_go: A kidnapped robot's belief has let go when less than this is near the estimate. In
-            an office's corridors, turning blurs a belief that holds on to a half in passing.
-        leap: And when its estimate moves at least this far at once [m]: farther than a belief that
-            holds on is bent to fit a like place nearby.
-        leap_theta: Or turns at least this far at once [rad]; more than pi for never.
+        let_go: A kidnapped robot's belief has let go when less than this is as near the estimate as
+        leap: [m], or its estimate moves at least so far at once: farther than a belief that holds
+            on is bent to fit a like place nearby.
         sigma_xy: Standard deviation of a start that is known [m].
         sigma_theta: Standard deviation of its heading [rad].
         kidnap: When a kidnapped robot is carried off, once: at a step in a ``range``, at a ``rate``
@@ -80,7 +79,6 @@ class Task:
     hold: int = 3
     let_go: float = 0.3
     leap: float = 2.0
-    leap_theta: float = pi / 2.0
     sigma_xy: float = 0.3
     sigma_theta: float = float(np.deg2rad(10.0))
     kidnap: str = "range"
@@ -96,7 +94,6 @@ class Task:
         checks.integer("task.hold", self.hold, 1, 1_000_000)
         checks.number("task.let_go", self.let_go, 0.0, 1.0)
         checks.number("task.leap", self.leap, 0.0, 1e6, above_low=True)
-        checks.number("task.leap_theta", self.leap_theta, 0.0, 2.0 * pi, above_low=True)
         checks.number("task.sigma_xy", self.sigma_xy, 0.0, 1e3)
         checks.number("task.sigma_theta", self.sigma_theta, 0.0, np.pi)
         checks.choice("task.kidnap", self.kidnap, KIDNAPS)
@@ -206,25 +203,28 @@ class Watch:
         """
         return step - self.kidnapped_at if right and self.kidnapped else -1
 
-    def see(self, step: int, mass: float, near: bool, jump: tuple[float, float]) -> None:
+    def may_declare(self, near: bool) -> bool:
+        """Whether a declaration counts now; ``near`` says whether it would be right."""
+        return self.noticed or (self.kidnapped and near)
+
+    def see(self, step: int, knows: bool, held: float, near: bool, leapt: float) -> None:
         """Take note of a belief.
 
         Args:
             step: Steps taken.
-            mass: Near its estimate.
+            knows: Whether it is sure, and right.
+            held: Its mass within ``leap`` of the estimate.
             near: Whether the truth is near the estimate.
-            jump: How far the estimate is from where the odometry takes the one before [m], [rad].
+            leapt: How far the estimate is from where the odometry takes the one before [m].
         """
-        let_go = mass < self.task.let_go
+        scattered, leaps = held < self.task.let_go, leapt >= self.task.leap
         if self.kidnapped:
-            leapt = jump[0] >= self.task.leap or jump[1] >= self.task.leap_theta
-            if (let_go or leapt) and not self.noticed:
+            if (scattered or leaps) and not self.noticed:
                 self.noticed_at = step
-            return
-        if self._knew >= self.task.hold:
-            self.false_alarm |= let_go or not (near or is_near(*jump))
+        elif self._knew >= self.task.hold:
+            self.false_alarm |= scattered or (leaps and not near)
         else:
-            self._knew = self._knew + 1 if mass >= self.task.confidence and near else 0
+            self._knew = self._knew + 1 if knows else 0
 
 
 def distance(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:

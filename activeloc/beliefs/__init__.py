@@ -73,8 +73,14 @@ class Belief(Protocol):
         """Entropy, estimate and the mass around it."""
         ...
 
-    def mass_near(self, robot: int, pose: NDArray[np.float64]) -> float:
-        """Probability within 0.5 m and 20 degrees of a pose ``(3,)``."""
+    def mass_near(
+        self,
+        robot: int,
+        pose: NDArray[np.float64],
+        radius: float = NEAR_RADIUS,
+        angle: float = NEAR_ANGLE,
+    ) -> float:
+        """Probability within ``radius`` [m] and ``angle`` [rad] of a pose ``(3,)``."""
         ...
 
     def view(self, robot: int, headings: int, rows: int, cols: int) -> NDArray[np.float64]:

@@ -258,19 +258,28 @@ class HistogramBelief:
         track = self._track(robot)
         nats = track.bel.entropy(track.elsewhere)
         estimate, mass = track.bel.estimate(NEAR_RADIUS, NEAR_ANGLE)
-        mass = self._with_elsewhere(track, estimate, mass)
+        mass = self._with_elsewhere(track, estimate, mass, NEAR_RADIUS, NEAR_ANGLE)
         return Summary(nats, track.tables.uniform_entropy, estimate, mass)
 
-    def mass_near(self, robot: int, pose: NDArray[np.float64]) -> float:
+    def mass_near(
+        self,
+        robot: int,
+        pose: NDArray[np.float64],
+        radius: float = NEAR_RADIUS,
+        angle: float = NEAR_ANGLE,
+    ) -> float:
         """See :class:`Belief`."""
         track, pose = self._track(robot), np.asarray(pose, dtype=np.float64)
-        return self._with_elsewhere(track, pose, track.bel.near(pose, NEAR_RADIUS, NEAR_ANGLE))
+        mass = track.bel.near(pose, radius, angle)
+        return self._with_elsewhere(track, pose, mass, radius, angle)
 
-    def _with_elsewhere(self, track: Track, pose: NDArray[np.float64], mass: float) -> float:
+    def _with_elsewhere(
+        self, track: Track, pose: NDArray[np.float64], mass: float, radius: float, angle: float
+    ) -> float:
         """Mass near a pose in the whole belief, of which the local part has ``mass`` there."""
         w = track.elsewhere
         if w > 0.0:
-            there = track.tables.background.mass_near(pose, NEAR_RADIUS, NEAR_ANGLE)
+            there = track.tables.background.mass_near(pose, radius, angle)
             mass = (1.0 - w) * mass + w * there
         return min(1.0, mass)
 

@@ -238,10 +238,16 @@ class ParticleBelief:
         mass = localise(cloud.poses, cloud.normalised(), pose, NEAR_RADIUS, NEAR_ANGLE, 3)
         return Summary(entropy, cloud.ground.uniform_entropy, pose, min(1.0, mass))
 
-    def mass_near(self, robot: int, pose: NDArray[np.float64]) -> float:
+    def mass_near(
+        self,
+        robot: int,
+        pose: NDArray[np.float64],
+        radius: float = NEAR_RADIUS,
+        angle: float = NEAR_ANGLE,
+    ) -> float:
         """See :class:`Belief`."""
         cloud, at = self._cloud(robot), np.array(pose, dtype=np.float64)
-        mass = localise(cloud.poses, cloud.normalised(), at, NEAR_RADIUS, NEAR_ANGLE, 0)
+        mass = localise(cloud.poses, cloud.normalised(), at, radius, angle, 0)
         return min(1.0, mass)
 
     def view(self, robot: int, headings: int, rows: int, cols: int) -> NDArray[np.float64]:

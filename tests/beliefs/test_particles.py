@@ -202,6 +202,17 @@ def test_doubling_the_particles_changes_no_estimate():
     assert one.mass == pytest.approx(two.mass, abs=1e-9)
 
 
+@pytest.mark.parametrize(("radius", "angle"), [(0.5, 0.35), (2.0, pi), (0.1, 3.0)])
+def test_the_mass_near_a_pose_is_that_of_the_particles_there(radius, angle):
+    belief, pose = cloud(2_000, ess_ratio=1e-6), np.array([1.1, 0.4, 3.0])
+    belief.correct(0, np.array([0.5, 1.5, 0.7]))
+    poses, w = belief.particles(0)
+    turn = np.abs((poses[:, 2] - pose[2] + pi) % (2 * pi) - pi)
+    there = (np.hypot(*(poses - pose)[:, :2].T) <= radius) & (turn <= angle)
+    assert 0 < there.sum() < len(poses)
+    assert belief.mass_near(0, pose, radius, angle) == pytest.approx(w[there].sum(), abs=1e-12)
+
+
 def test_weights_are_equal_after_resampling_and_counted_by_the_entropy():
     belief = cloud(5000, ess_ratio=1.0, n_min=300, n_max=5000, per_state=5.0)
     belief.correct(0, np.array([0.5, 1.5, 0.7]))

@@ -448,10 +448,12 @@ def test_every_answer_counts_what_is_elsewhere(flat, w):
         assert summary.entropy == pytest.approx(entropy(masses), abs=1e-5)
     for pose in ([*summary.estimate], [4.2, 5.1, 1.0], [-0.9, 2.1, -3.1], [70.0, -50.0, 0.0]):
         pose = np.array(pose)
-        offset = np.hypot(*(poses.centres - pose[:2]).T) <= NEAR_RADIUS
-        turn = np.abs(wrap(poses.thetas - pose[2])) <= NEAR_ANGLE
-        expected = p[np.ix_(offset, turn)].sum()
+        away = np.hypot(*(poses.centres - pose[:2]).T)
+        turn = np.abs(wrap(poses.thetas - pose[2]))
+        expected = p[np.ix_(away <= NEAR_RADIUS, turn <= NEAR_ANGLE)].sum()
         assert belief.mass_near(0, pose) == pytest.approx(expected, abs=1e-9)
+        expected = p[away <= 2.1].sum()
+        assert belief.mass_near(0, pose, 2.1, np.pi) == pytest.approx(expected, abs=1e-9)
     assert summary.mass == pytest.approx(belief.mass_near(0, summary.estimate), abs=1e-12)
     left, bottom, pixel = view_frame(poses.terrain.grid, 6, 8)
     out = summed(p, poses, np.array([left, bottom]), pixel, (6, 8), 12)

@@ -41,13 +41,12 @@ IDS = sorted(id for id in gym.registry if id.startswith("activeloc/") and "Maze"
 GLOBAL = "activeloc/GlobalLocalization-v0"
 TRACKING = "activeloc/PositionTracking-v0"
 KIDNAPPED = "activeloc/KidnappedRobot-v0"
-NO_LEAP = {"leap": 1e3, "leap_theta": 6.0}  # A scripted estimate goes along where it is carried.
 
 
 class Scripted:
     """A belief that says what a script tells it to: masses, and how far off the estimate is."""
 
-    impossible = ()
+    impossible, leap = (), Task().leap
 
     def __init__(self, episodes, masses, offset=(0.0, 0.0, 0.0), entropies=None):
         self.simulator = episodes.simulator
@@ -67,6 +66,10 @@ class Scripted:
     def correct(self, robot, scan):
         return -np.inf if self.step in self.impossible else 0.0
 
+    def mass_near(self, robot, pose, radius, angle):
+        assert (radius, angle) == (self.leap, np.pi)
+        return self.script[min(self.step, len(self.script) - 1)]
+
     def summarise(self, robot):
         i = min(self.step, len(self.script) - 1)
         estimate = self.simulator.poses[robot] + self.offset
@@ -79,6 +82,7 @@ def scripted(masses, offset=(0.0, 0.0, 0.0), entropies=None, reward=None, seed=0
                                   "reward": reward})  # fmt: skip
     episodes = Episodes(config, 1)
     episodes.belief = Scripted(episodes, masses, offset, entropies)
+    episodes.belief.leap = config.task.leap
     episodes.reset(0, np.random.default_rng(seed))
     return episodes
 
@@ -310,9 +314,9 @@ def test_nobody_else_is_carried_off(id):
     ],
     ids=str,
 )
-def test_a_kidnapped_robot_declares_once_it_has_let_go(masses, end):
-    task = {"kind": "kidnapped", "kidnap_first": 3, "kidnap_last": 3, **NO_LEAP}
-    assert play(scripted(masses, **task), len(masses) - 1) == end
+def test_a_kidnapped_robot_is_wrong_only_once_it_has_let_go(masses, end):
+    task = {"kind": "kidnapped", "kidnap_first": 3, "kidnap_last": 3, "leap": 1e3}
+    assert play(scripted(masses, FAR[-1], **task), len(masses) - 1) == end
 
 
 @pytest.mark.parametrize("belief", BELIEFS)
@@ -508,29 +512,45 @@ SURE, DOUBT, LOST = 0.96, 0.94, 0.29
     ],
     ids=str,
 )
-@pytest.mark.parametrize("right", [True, False])
-def test_steps_are_counted_from_the_kidnapping(masses, notice, recover, right):
-    task = {"kind": "kidnapped", "kidnap_first": 3, "kidnap_last": 3, **NO_LEAP}
-    episodes = scripted(masses, (0.0 if right else 2.0, 0.0, 0.0), **task)
+def test_steps_are_counted_from_the_kidnapping(masses, notice, recover):
+    task = {"kind": "kidnapped", "kidnap_first": 3, "kidnap_last": 3, "leap": 1e3}
+    episodes = scripted(masses, FAR[0], **task)
     play(episodes, 2)
     assert not episodes.info(0)["noticed"]
     play(episodes, len(masses) - 3)
     info = episodes.info(0)
     assert (info["noticed"], info["notice_steps"]) == (notice >= 0, notice)
-    assert info["recover_steps"] == (recover if right else -1)
-    assert info["is_success"] == (right and recover >= 0)
-    assert info["wrong"] == (not right and recover >= 0)
+    assert (info["recover_steps"], info["is_success"]) == (-1, False)
+    assert (info["wrong"], episodes.terminated(0)) == (recover >= 0, recover >= 0)
+    assert not recover >= 0 or episodes.episode(0).step == 3 + recover
 
 
 @pytest.mark.parametrize(
-    ("metres", "angle", "leapt"),
-    [(0.0, 0.0, False), (1.99, 1.57, False), (2.0, 0.0, True), (0.0, 1.58, True)],
+    ("masses", "notice", "recover"),
+    [
+        ([SURE] * 12, -1, 2),  # Followed to where it was carried.
+        ([DOUBT] * 5 + [SURE] * 7, -1, 4),
+        ([SURE] * 3 + [DOUBT] * 9, -1, -1),
+        ([SURE] * 3 + [LOST] + [SURE] * 3, 0, 3),
+        ([SURE] * 4 + [LOST] * 4 + [SURE] * 3, 1, 7),
+    ],
+    ids=str,
 )
+def test_a_robot_that_is_right_has_recovered_whether_it_noticed_or_not(masses, notice, recover):
+    task = {"kind": "kidnapped", "kidnap_first": 3, "kidnap_last": 3, "leap": 1e3}
+    episodes = scripted(masses, **task)
+    play(episodes, len(masses) - 1)
+    info = episodes.info(0)
+    assert (info["notice_steps"], info["recover_steps"]) == (notice, recover)
+    assert (info["is_success"], info["wrong"]) == (recover >= 0, False)
+
+
+@pytest.mark.parametrize(("metres", "leapt"), [(0.0, False), (1.99, False), (2.0, True)])
 @pytest.mark.parametrize("kidnapped", [True, False])
-def test_an_estimate_that_leaps_has_let_go(metres, angle, leapt, kidnapped):
+def test_an_estimate_that_leaps_has_let_go(metres, leapt, kidnapped):
     watch = Watch(Task(kind="kidnapped"), kidnapped_at=4 if kidnapped else -1)
     for step in (4, 5, 6):
-        watch.see(step, SURE, near=True, jump=(metres, angle) if step == 5 else (0.0, 0.0))
+        watch.see(step, True, SURE, near=True, leapt=metres if step == 5 else 0.0)
     assert watch.noticed == (kidnapped and leapt)
     assert watch.notice_steps == (1 if kidnapped and leapt else -1)
 
@@ -561,17 +581,17 @@ def test_an_alarm_is_false_where_the_belief_gave_up_what_it_knew(masses, alarm, 
 @pytest.mark.parametrize(
     ("path", "alarm"),
     [
-        ([FAR[0]], True),
-        ([FAR[-1]], True),
-        ([(0.0, 0.0, np.deg2rad(40.0))], True),
-        ([NEAR[0]], False),
-        ([(0.3, 0.0, 0.0), (0.6, 0.0, 0.0), (0.9, 0.0, 0.0)], False),  # It drifts.
-        ([(0.3, 0.0, 0.0), (0.6, 0.0, 0.0), (0.0, 0.0, 0.0)], False),  # It jumps to the truth.
-        ([(0.3, 0.0, 0.0), (0.6, 0.0, 0.0), (0.0, 0.6, 0.0)], True),
+        ([(2.0, 0.0, 0.0)], True),
+        ([(1.3, -1.6, 0.0)], True),
+        ([(1.99, 0.0, 0.0)], False),  # A belief that is bent, and comes back.
+        ([(0.0, 0.0, np.pi)], False),  # It forgot how it is turned.
+        ([(1.0, 0.0, 0.0), (2.0, 0.0, 0.0), (3.0, 0.0, 0.0)], False),  # It drifts.
+        ([(1.5, 0.0, 0.0), (3.0, 0.0, 0.0), (0.0, 0.0, 0.0)], False),  # It leaps to the truth.
+        ([(1.5, 0.0, 0.0), (0.0, 1.5, 0.0)], True),
     ],
     ids=str,
 )
-def test_an_alarm_is_false_where_the_estimate_jumped_off_the_truth(path, alarm):
+def test_an_alarm_is_false_where_the_estimate_leapt_off_the_truth(path, alarm):
     still = {"odometry": {}, "actuation": {}}
     config = EpisodeConfig.build({"task": {"kind": "kidnapped", "kidnap": "never"}, "map": HALL,
                                   "belief": "particles", "motion": still})  # fmt: skip
