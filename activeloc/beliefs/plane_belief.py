@@ -19,13 +19,13 @@ from activeloc.beliefs import plane_kernels as kernels
 from activeloc.beliefs import plane_motion as motion
 from activeloc.beliefs import plane_poses as found
 from activeloc.beliefs import plane_summary as summary
-from activeloc.beliefs import plane_tiles as tiles
+from activeloc.beliefs import plane_turns as turns
 from activeloc.beliefs.coarse import CoarseBins
 from activeloc.beliefs.grid_tables import GridTables
 from activeloc.beliefs.plane_layout import Sheet, clear_runs, find_runs
 from activeloc.beliefs.scan_likelihood import ScanLikelihood
 
-_NOTHING, _NO_TURN = np.empty((0, 0)), tiles.Turning(0, np.empty(0), 0, 0, 0.0)
+_NOTHING, _NO_TURN = np.empty((0, 0)), turns.Turning(0, np.empty(0), 0, 0, 0.0)
 
 
 class PlaneBelief:
@@ -94,7 +94,7 @@ class PlaneBelief:
         return len(self._turning.taps) > 0
 
     @property
-    def _waiting(self) -> tiles.Turning:
+    def _waiting(self) -> turns.Turning:
         """The turn that waits, divided; its taps filled up to fours, unless one is left over."""
         turning, by = self._turning, 1.0 / self._divisor
         n = len(turning.taps)
@@ -102,10 +102,10 @@ class PlaneBelief:
         taps[:n] = turning.taps * by
         return turning._replace(taps=taps, flat=turning.flat * by)
 
-    def _turned(self, turning: tiles.Turning) -> Sheet:
+    def _turned(self, turning: turns.Turning) -> Sheet:
         """Another sheet with this one turned."""
         of, to = self._sheet, self.tables.take()
-        to.n = tiles.rotate(
+        to.n = turns.rotate(
             of.values, of.runs, of.n, self.tables.layout.size, turning,
             to.values, to.runs, to.n, to.flags,
         )  # fmt: skip
@@ -130,7 +130,7 @@ class PlaneBelief:
         flat: float = 0.0,
     ) -> None:
         """Turn by so many bins with each of the weights ``(J,)``; see :class:`Turning`."""
-        turning = tiles.Turning(first, np.asarray(taps, dtype=np.float64), flat_first, n_flat, flat)
+        turning = turns.Turning(first, np.asarray(taps, dtype=np.float64), flat_first, n_flat, flat)
         headings = self.tables.layout.headings
         if self._turns:
             one, two = _as_taps(self._turning), _as_taps(turning)
@@ -324,7 +324,7 @@ class PlaneBelief:
         return self.tables.poses.index.ravel()[place], heading
 
 
-def _as_taps(turning: tiles.Turning) -> tiles.Turning:
+def _as_taps(turning: turns.Turning) -> turns.Turning:
     """The same turn, its flat part among the taps."""
     if turning.n_flat == 0:
         return turning
@@ -333,4 +333,4 @@ def _as_taps(turning: tiles.Turning) -> tiles.Turning:
     taps = np.zeros(last - first)
     taps[turning.first - first :][: len(turning.taps)] = turning.taps
     taps[turning.flat_first - first :][: turning.n_flat] += turning.flat
-    return tiles.Turning(first, taps, 0, 0, 0.0)
+    return turns.Turning(first, taps, 0, 0, 0.0)

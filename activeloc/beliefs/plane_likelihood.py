@@ -9,14 +9,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from activeloc.beliefs.plane_layout import BLOCK, CHUNK, clear_rest, collect, holds
-from activeloc.beliefs.plane_tiles import (
-    WIDE,
-    Turning,
-    scratch_of,
-    store_tile,
-    tiles_of,
-    turn_tile,
-)
+from activeloc.beliefs.plane_tiles import WIDE, store_tile, tiles_of
+from activeloc.beliefs.plane_turns import Turning, scratch_of, turn_tile
 
 ROOM = 1 << 15  # Likelihoods of a tile that are kept at a time: what fits fast memory.
 
@@ -135,7 +129,7 @@ def multiply(
         runs: Of ``values``.
         n: How many.
         size: P.
-        turning: The turn; see :func:`plane_tiles.rotate`.
+        turning: The turn; see :func:`plane_turns.rotate`.
         row: ``(D * P,)``.
         p: ``(Z, R)`` of likelihoods.
         readings: ``(A,)``; row of ``p`` for each beam.

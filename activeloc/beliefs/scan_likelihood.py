@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeloc.beliefs import plane_likelihood as kernels
-from activeloc.beliefs.plane_tiles import Turning
+from activeloc.beliefs.plane_turns import Turning
 from activeloc.beliefs.reading_table import ReadingTable
 
 SPAN = 60.0  # Greatest log-range of a product: exp(-60) times the least state is a float32 still.

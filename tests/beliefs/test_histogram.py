@@ -19,7 +19,7 @@ from activeloc.beliefs import plane_motion as motion
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig, turn_taps
 from activeloc.beliefs.plane_belief import PlaneBelief
 from activeloc.beliefs.plane_layout import BLOCK, find_runs
-from activeloc.beliefs.plane_tiles import Turning, rotate
+from activeloc.beliefs.plane_turns import Turning, rotate
 from activeloc.errors import ConfigError, ScanError
 from activeloc.grid import OccupancyGrid
 from activeloc.maps.text import from_text
