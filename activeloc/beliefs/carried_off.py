@@ -26,9 +26,10 @@ from math import exp, inf, log, log1p
 import numpy as np
 from numpy.typing import NDArray
 
-from activeloc.beliefs.cloud import Cloud, log_sum, spread_poses
-from activeloc.beliefs.monte_carlo import MonteCarlo, drawn_by
+from activeloc.beliefs.cloud import Cloud, spread_poses
+from activeloc.beliefs.monte_carlo import MonteCarlo
 from activeloc.beliefs.particle_past import Counted, Past
+from activeloc.beliefs.resampling import comb
 
 TRIED_PER_NEWCOMER = 20
 """Poses that are weighed for each one that joins."""
@@ -51,14 +52,16 @@ def take_in(
 
     Returns:
         The scan's log-evidence, and what it would be if nobody could be carried off; -inf if
-        nothing explains it.
+        nothing explains it, 0 if no reading counts.
     """
     cloud.normalised()
+    if not scan.weights.any():
+        return 0.0, 0.0
     before, poses, log_new, log_stay = cloud.log_total, np.empty((0, 3)), -inf, 0.0
     top = float(log_w.max())
     w = np.exp(log_w - top) if top > -inf else np.zeros_like(log_w)
     kept, everyone = float(w[: cloud.n_kept].sum()), float(w.sum())
-    if model.leak > 0.0 and scan.weights.any():
+    if model.leak > 0.0:
         log_stay = log1p(-model.leak) if model.leak < 1.0 else -inf
         for tried in (model.config.n_elsewhere, model.config.n_start):
             poses, log_new = newcomers(model, cloud, scan, tried)
@@ -98,11 +101,13 @@ def newcomers(
     poses = spread_poses(cloud.ground.terrain, tried, cloud.rng)
     log_p = np.zeros(tried)
     model.weigh(cloud, poses, scan, log_p)
-    evidence = log_sum(log_p) - log(tried)
-    if evidence == -inf:
+    top = float(log_p.max())
+    if top == -inf:
         return np.empty((0, 3)), -inf
+    wheel = np.exp(log_p - top).cumsum()
     n = max(1, tried // TRIED_PER_NEWCOMER)
-    return poses[drawn_by(log_p, n, cloud.rng)], log(model.leak) + evidence - log(n)
+    log_each = log(model.leak) + top + log(wheel[-1] / tried) - log(n)
+    return poses[comb(wheel, n, cloud.rng.random())], log_each
 
 
 def search(model: MonteCarlo, cloud: Cloud) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from math import inf, log
+from math import log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +31,6 @@ def spread_poses(terrain: Terrain, n: int, rng: np.random.Generator) -> NDArray[
     poses = np.empty((n, 3))
     spread(terrain.open_cells, terrain.frame, rng.random((n, 3)), rng.random(), poses)
     return poses
-
-
-def log_sum(log_w: NDArray[np.float64]) -> float:
-    """Log sum exp; -inf for nothing but -inf."""
-    top = float(log_w.max(initial=-inf))
-    return top if top == -inf else top + float(np.log(np.exp(log_w - top).sum()))
 
 
 class Ground:
@@ -154,6 +148,28 @@ class Cloud:
         weights *= 1.0 / total
         self.log_w, self.weights, self.masses = log_w, weights, None
         self.log_total = top + log(total)
+
+    def follow(self, first: int, poses: NDArray[np.float64], weights: NDArray[np.float64]) -> None:
+        """Let others follow the ``first`` particles, which stay as they are, in place of the rest.
+
+        Args:
+            first: How many stay.
+            poses: ``(n, 3)`` of the others.
+            weights: ``(n,)``; as much, together, as the rest that they stand for.
+        """
+        with np.errstate(divide="ignore"):
+            log_w = np.log(weights)
+        if first == 0:
+            self.poses, self.weights, self.log_w, self.log_total = poses, weights, log_w, 0.0
+            return
+        self.weights = np.concatenate([self.normalised()[:first], weights])
+        self.log_w = np.concatenate([self.log_w[:first], log_w + self.log_total])
+        n = first + len(poses)
+        if n > len(self.poses):
+            self.poses = np.concatenate([self.poses[:first], poses])
+            return
+        self.poses[first:n] = poses
+        self.poses = self.poses[:n]
 
     def of(self, poses: NDArray[np.float64], log_w: NDArray[np.float64]) -> Cloud:
         """Other particles on the same map, with the same source of noise."""

@@ -152,6 +152,9 @@ class MonteCarlo:
         self, cloud: Cloud, poses: NDArray[np.float64], scan: Counted, log_w: NDArray[np.float64]
     ) -> None:
         """Add the scan's weighted log-likelihood at each pose to ``log_w (N,)``, in place."""
+        counts = (scan.readings >= 0) & (scan.weights > 0.0)
+        if not counts.any():
+            return
         table, law = cloud.table, self._law
         if isinstance(table, FieldWeigher):
             table.weigh(poses, scan.readings, scan.weights, log_w)
@@ -159,9 +162,6 @@ class MonteCarlo:
         if law is None or not self.is_thin:
             rows, log_p = self.rows(cloud, poses)
             weigh_by_rows(log_w, rows, log_p, scan.readings, scan.weights)
-            return
-        counts = (scan.readings >= 0) & (scan.weights > 0.0)
-        if not counts.any():
             return
         read = (law[scan.readings[counts]] * scan.weights[counts, None]).astype(np.float32)
         bearings = self.sensor.bearings[counts]
@@ -221,17 +221,17 @@ class MonteCarlo:
         cloud.masses = held[:n], masses[:n]
         if not any(part.redrawn for part in parts):
             return
-        poses, weights = np.empty((sum(len(part.weights) for part in parts), 3)), []
-        first = 0
-        for given, part in zip(cloud.parts, parts, strict=True):
-            out = poses[first : first + len(part.weights)]
+        # Those that are kept seldom change; the others are drawn anew at almost every step.
+        first = 0 if parts[0].redrawn else len(parts[0].weights)
+        behind = list(zip(cloud.parts, parts, strict=True))[first > 0 :]
+        weights = np.concatenate([part.weights for _, part in behind])
+        poses, n = np.empty((len(weights), 3)), 0
+        for given, part in behind:
+            out = poses[n : n + len(part.weights)]
             self._copy(cloud, cloud.poses[given], part, out)
-            weights.append(part.weights)
-            first += len(out)
-        cloud.n_kept = len(weights[0])
-        cloud.poses, cloud.weights = poses, np.concatenate(weights)
-        with np.errstate(divide="ignore"):
-            cloud.log_w, cloud.log_total = np.log(cloud.weights), 0.0
+            n += len(out)
+        cloud.n_kept = len(parts[0].weights)
+        cloud.follow(first, poses, weights)
 
     def _redraw(self, cloud: Cloud, part: slice, always: bool) -> Redrawn:
         """What becomes of a part of the cloud.

@@ -329,6 +329,31 @@ def test_the_masses_of_a_cloud_are_those_of_all_its_parts():
     assert masses.sum() == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("log_total", [0.0, -7.5])
+def test_those_that_are_kept_stay_when_only_the_others_are_drawn_anew(log_total):
+    poses, weights = random_cloud()
+    weights[:500] = 1.0
+    weights[500:] = np.linspace(0.0, 1.0, 100) ** 30  # Few of them count.
+    weights /= weights.sum()
+    belief = weighted(poses, weights, 60, n_max=1_000, n_elsewhere=60, allocation=1.0)
+    cloud = belief._cloud(0)
+    cloud.n_kept, cloud.log_w = 500, cloud.log_w + log_total
+    twin = belief.copy()
+    belief.model.resample(cloud)
+    got, w = belief.particles(0)
+    np.testing.assert_array_equal(got[:500], poses[:500])
+    np.testing.assert_allclose(w[:500], weights[:500], rtol=1e-12)
+    mean = weights[500:] @ poses[500:, :2] / weights[500:].sum()
+    np.testing.assert_allclose(got[500:, :2].mean(axis=0), mean, atol=0.05)
+    assert cloud.n_kept == 500
+    assert len(got) == 560
+    assert w[500:].sum() == pytest.approx(weights[500:].sum(), rel=1e-9)
+    np.testing.assert_allclose(cloud.log_w - cloud.log_total, np.log(w), rtol=0.0, atol=1e-9)
+    assert cloud.log_total == pytest.approx(log_total)
+    np.testing.assert_array_equal(twin.particles(0)[0], poses)
+    np.testing.assert_allclose(twin.particles(0)[1], weights, rtol=1e-12)
+
+
 def test_what_is_allocated_is_the_slow_sum_whatever_lies_where_nothing_is():
     rng, power = np.random.default_rng(3), 0.6
     index, weights = rng.integers(0, 9, 600).astype("i4"), rng.random(600)

@@ -451,6 +451,17 @@ def test_the_evidence_is_the_mixture_s():
     assert belief.elsewhere(0) == pytest.approx(LEAK * anywhere / mixture, rel=0.1)
 
 
+def test_a_scan_that_counts_for_nothing_is_no_evidence():
+    belief = still(0, widen=1.0, repetition=0.0)
+    (u, z), *_ = drives(1, 99)
+    belief.predict(0, u)
+    belief.correct(0, z)
+    poses, weights = belief.particles(0)
+    assert belief.correct(0, z) == 0.0
+    np.testing.assert_array_equal(belief.particles(0)[0], poses)
+    np.testing.assert_allclose(belief.particles(0)[1], weights, rtol=1e-12)
+
+
 def test_the_past_remembers_so_many_scans_that_count():
     belief = still(0, widen=1.0, repetition=0.0)
     turn = np.array([0.0, 0.0, 2.0 * pi])
