@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from activeloc.beliefs.cloud import Cloud, spread_poses
 from activeloc.beliefs.monte_carlo import MonteCarlo
 from activeloc.beliefs.particle_past import Counted, Past
+from activeloc.beliefs.redrawing import resample
 from activeloc.beliefs.resampling import comb
 
 TRIED_PER_NEWCOMER = 20
@@ -126,7 +127,7 @@ def search(model: MonteCarlo, cloud: Cloud) -> None:
         cloud.n_kept, cloud.past, cloud.searching = len(cloud.poses), Past(), False
     elif cloud.searching and w < GIVEN_UP * model.config.widen:
         cloud.searching = False
-    model.resample(cloud, always=found)
+    resample(model.config, cloud, always=found)
 
 
 def look_back(model: MonteCarlo, cloud: Cloud) -> None:
@@ -170,5 +171,5 @@ def _found(model: MonteCarlo, cloud: Cloud) -> tuple[Cloud, float]:
         log_found, log_kept = found.log_total, log_kept + step.log_kept
         found.log_w -= log_found
         found.log_total = 0.0
-        model.resample(found)
+        resample(model.config, found)
     return found, float(1.0 / (1.0 + np.exp(np.clip(log_kept - log_found, -700.0, 700.0))))

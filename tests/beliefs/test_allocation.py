@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from activeloc.beliefs.particle_bins import allocate, merge, shares, sum_bins, wheel_of
 from activeloc.beliefs.particles import ParticleBelief, ParticleConfig
+from activeloc.beliefs.redrawing import resample
 from activeloc.beliefs.resampling import stratified, systematic
 from activeloc.beliefs.sample_size import effective_states, kld_count
 from activeloc.errors import ConfigError
@@ -109,7 +110,7 @@ def weighted(poses, weights, n, seed=0, **kwargs):
 
 
 def resampled(belief):
-    belief.model.resample(belief._cloud(0), always=True)
+    resample(belief.config, belief._cloud(0), always=True)
     return belief.particles(0)
 
 
@@ -204,7 +205,7 @@ def test_it_resamples_where_the_effective_sample_size_of_the_wheel_is_low(alloca
     ratio = wheel.sum() ** 2 / (wheel**2).sum() / 600
     for ess_ratio, resamples in ((0.99 * ratio, False), (1.01 * ratio, True)):
         belief = weighted(poses, weights, 600, allocation=allocation, ess_ratio=ess_ratio)
-        belief.model.resample(belief._cloud(0))
+        resample(belief.config, belief._cloud(0))
         got, w = belief.particles(0)
         assert (not np.array_equal(got, poses)) == resamples
         if not resamples:
@@ -322,7 +323,7 @@ def test_the_masses_of_a_cloud_are_those_of_all_its_parts():
     cloud = belief._cloud(0)
     cloud.n_kept = 250
     expected = np.bincount(cloud.ground.bins.index(poses), weights / weights.sum())
-    belief.model.resample(cloud, always=True)
+    resample(belief.config, cloud, always=True)
     held, masses = cloud.binned()
     assert len(np.unique(held)) == len(held)
     np.testing.assert_allclose(masses, expected[held], rtol=1e-9)
@@ -339,7 +340,7 @@ def test_those_that_are_kept_stay_when_only_the_others_are_drawn_anew(log_total)
     cloud = belief._cloud(0)
     cloud.n_kept, cloud.log_w = 500, cloud.log_w + log_total
     twin = belief.copy()
-    belief.model.resample(cloud)
+    resample(belief.config, cloud)
     got, w = belief.particles(0)
     np.testing.assert_array_equal(got[:500], poses[:500])
     np.testing.assert_allclose(w[:500], weights[:500], rtol=1e-12)
