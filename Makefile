@@ -29,6 +29,7 @@ demo: $(STAMP)-demo  ## a table of agents, curves, replays and a film, in demo/
 	@echo "open demo/report.html: tables, curves and replays; demo/active.gif is a film"
 
 test: $(STAMP)-dev lint  ## every quick check
+	$(BIN)/python tests/compile_kernels.py
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile
 
 coverage: $(STAMP)-dev  ## the quick checks again, with their coverage: about two minutes longer
