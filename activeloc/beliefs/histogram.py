@@ -192,6 +192,7 @@ class HistogramBelief:
         bearings = self.sensor.bearings
         weights = np.zeros(len(readings))
         weights[valid] = self.config.likelihood_power * track.place.weigh(bearings[valid])
+        track.has_news = bool(weights.any())
         likelihood = ScanLikelihood.of(table, track.tables.powered, readings, weights)
         total, shift = track.bel.read(likelihood)
         evidence = log(total) + shift if total > 0.0 else -inf

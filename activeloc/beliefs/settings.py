@@ -33,7 +33,8 @@ class HistogramConfig:
             the odometry's reading; 1 ignores that evidence.
         slip: Probability that an odometry reading is badly wrong
             (:func:`activeloc.motion.slipped`), reckoned with once the belief is local.
-        leak: Probability per step that the robot is carried anywhere (kidnapping).
+        leak: Probability per step that the robot is carried anywhere (kidnapping); steps on one
+            spot whose scans tell nothing new do not count.
         widen: Probability of being elsewhere above which the belief is laid out over the whole map
             again; see :mod:`activeloc.beliefs.background`.
         novelty: gamma; a reading that is shorter than the map explains with more than this
@@ -105,7 +106,7 @@ class ParticleConfig:
         slip: Probability that an odometry reading is badly wrong
             (:func:`activeloc.motion.slipped`): as large a share of the particles does not take it
             at its word.
-        leak: Probability per step that the robot is carried anywhere, or was lost.
+        leak: Probability per scan that tells anything that the robot was carried anywhere, or lost.
         recovery: ``background`` (:mod:`activeloc.beliefs.carried_off`), ``augmented`` (running
             means of the likelihood: :mod:`activeloc.beliefs.recovery`) or ``none``.
         widen: Probability of having been carried off at which the robot is looked for everywhere.

@@ -71,6 +71,9 @@ class Track:
         elsewhere: w; 0 if the background is not one number.
         noticed: How many times the belief has widened, and
         has_widened: whether it did at the last scan.
+        has_news: Whether the last scan told anything. One that reads again what was read at this
+            place does not, and would not tell either that the robot is still there: it does not
+            leak while it waits.
         left_over: A turn [rad], a travel [m] and a heading variance too small to count yet.
         place: What the robot has read and touched where it stands.
         past: What happened to the belief.
@@ -83,6 +86,7 @@ class Track:
         self.elsewhere = 0.0
         self.noticed = 0
         self.has_widened = False
+        self.has_news = True
         self.left_over = [0.0, 0.0, 0.0]
         self.place = PlaceMemory(config.sectors, config.place_size, config.repetition)
         self.past = Past()
@@ -126,7 +130,7 @@ class Track:
         self.place.move(u)
         if touched and self.place.refuse() and self.config.contact_floor < 1.0:
             self._touch(self.config.contact_floor)
-        if self.config.leak > 0.0:
+        if self.config.leak > 0.0 and self.has_news:
             self._leak(self.config.leak)
 
     def _is_slipping(self, u: NDArray[np.float64]) -> bool:

@@ -19,6 +19,7 @@ from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import MotionModel, MotionNoise, wrap
 from activeloc.sensors import BeamModel
+from activeloc.sensors.readings import rays_of
 from activeloc.simulator import Simulator
 
 SENSOR = BeamModel(beams=5, field_of_view=pi / 2, z_max=2.0)
@@ -319,6 +320,19 @@ def test_without_a_leak_a_kidnapped_robot_stays_lost(flat):
     assert belief.noticed(0) == 0
 
 
+def test_a_robot_that_reads_again_what_it_has_read_does_not_drift_elsewhere(flat):
+    belief = near(belief_on(flat, leak=1e-4, widen=1.0, repetition=0.0), flat)
+    pose, elsewhere = np.array([0.0, 3.0, 0.3]), []
+    for _ in range(40):
+        belief.correct(0, SENSOR.expected(flat, rays_of(pose, SENSOR.bearings)))
+        belief.predict(0, TURN)
+        pose = pose + [0.0, 0.0, TURN[0]]
+        elsewhere.append(belief.elsewhere(0))
+    assert elsewhere[15] > 0.0
+    assert elsewhere[-1] == pytest.approx(elsewhere[15], rel=0.1)
+    assert belief.mass_near(0, pose) > 0.5
+
+
 # --- widening ------------------------------------------------------------------------------------
 
 
@@ -413,7 +427,7 @@ def test_a_belief_that_widens_knows_what_the_last_steps_said_of_elsewhere(flat):
     p, q = late.probabilities(0), exact.probabilities(0)
     away = local == 0.0
     assert 0.1 < q[away].sum() < 0.9
-    assert np.abs(p - q)[away].sum() < 0.005 * q[away].sum()
+    assert np.abs(p - q)[away].sum() < 0.02 * q[away].sum()
     assert np.abs(p - q)[~away].sum() < 0.001
     assert said[0] == pytest.approx(said[1], abs=1e-3)
 
