@@ -326,11 +326,11 @@ def test_a_robot_that_reads_again_what_it_has_read_does_not_drift_elsewhere(flat
     for _ in range(40):
         belief.correct(0, SENSOR.expected(flat, rays_of(pose, SENSOR.bearings)))
         belief.predict(0, TURN)
-        pose = pose + [0.0, 0.0, TURN[0]]
+        pose += [0.0, 0.0, TURN[0]]
         elsewhere.append(belief.elsewhere(0))
     assert elsewhere[15] > 0.0
     assert elsewhere[-1] == pytest.approx(elsewhere[15], rel=0.1)
-    assert belief.mass_near(0, pose) > 0.5
+    assert belief.mass_near(0, pose, 1.0, pi) > 0.9
 
 
 # --- widening ------------------------------------------------------------------------------------
