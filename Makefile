@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test coverage lint figures bench docs clean
+.PHONY: demo test coverage lint kernels figures bench docs clean
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
@@ -28,8 +28,8 @@ demo: $(STAMP)-demo  ## a table of agents, curves, replays and a film, in demo/
 	$(BIN)/activeloc run --map office:0 --agent active --seed 4 --out demo/active.gif
 	@echo "open demo/report.html: tables, curves and replays; demo/active.gif is a film"
 
-test: $(STAMP)-dev lint  ## every quick check
-	$(BIN)/python tests/compile_kernels.py
+test: $(STAMP)-dev  ## every quick check
+	$(MAKE) --no-print-directory -j 2 lint kernels
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile
 
 coverage: $(STAMP)-dev  ## the quick checks again, with their coverage: about two minutes longer
@@ -39,6 +39,9 @@ lint: $(STAMP)-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+kernels: $(STAMP)-dev  ## what most tests use, compiled once
+	$(BIN)/python tests/compile_kernels.py
 
 figures: $(STAMP)-dev  ## the slow checks, at full sample size
 	$(BIN)/python -m pytest -m slow -v -s
