@@ -194,7 +194,7 @@ class Simulator:
         for at in self._by_map(robots):
             here = robots[at]
             start = self._redrawn(here, uniforms[at])[:, 0]
-            self.poses[here], u[at] = self.motion.execute_and_read(
+            self.poses[here], u[at] = self.motion.execute(
                 self.terrain(int(here[0])), start, commands[at], normals[at]
             )
         return self.motion.misread(u, commands, blunders) if blundering else u

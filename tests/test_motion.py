@@ -60,10 +60,9 @@ def drawn(terrain, pose, u, noise, n=N, seed=0):
 def test_without_noise_it_is_exact(u, expected):
     model = MotionModel(STILL, STILL, radius=0.0)
     pose, normals = np.array([[50.0, 50.0, 0.0]]), np.full((1, 3), 7.0)
-    reached, carried_out = model.execute(hall(), pose, np.array(u), normals)
+    reached, read = model.execute(hall(), pose, np.array([u]), np.full((1, 2, 3), 7.0))
     np.testing.assert_allclose(reached, [expected], atol=1e-12)
-    np.testing.assert_allclose(carried_out, [u], atol=1e-12)
-    np.testing.assert_array_equal(model.read_odometry(carried_out, normals), carried_out)
+    np.testing.assert_allclose(read, [u], atol=1e-12)
     successor, shortfall = model.sample(hall(), pose, np.array(u), normals)
     np.testing.assert_array_equal(successor, reached)
     np.testing.assert_allclose(shortfall, 0.0, atol=1e-12)
@@ -152,8 +151,9 @@ def test_each_coefficient_changes_its_own_variance(name, sign):
 @pytest.mark.parametrize("name", PARTS)
 def test_odometry_reads_with_the_same_variances(name):
     model = MotionModel(odometry=MotionNoise(**{name: 0.05}))
-    carried_out = np.tile(U, (N, 1))
-    read = model.read_odometry(carried_out, np.random.default_rng(1).standard_normal((N, 3)))
+    poses, normals = np.tile([50.0, 50.0, 0.0], (N, 1)), np.zeros((N, 2, 3))
+    normals[:, 1] = np.random.default_rng(1).standard_normal((N, 3))
+    _, read = model.execute(hall(), poses, np.tile(U, (N, 1)), normals)
     for values, mean, unit in zip(read.T, U, PARTS[name], strict=True):
         assert_moments(values, mean, 0.05 * unit)
 
@@ -176,7 +176,8 @@ def test_execution_uses_the_actuation_and_sampling_the_odometry():
     model = MotionModel(MotionNoise(0.5), MotionNoise(0.1), radius=0.0)
     poses, normals = np.array([[50.0, 50.0, 0.0]]), np.array([[1.0, 0.0, 0.0]])
     u = np.array([1.0, 0.0, 0.0])
-    assert model.execute(hall(), poses, u, normals)[0][0, 2] == pytest.approx(1.5)
+    given = np.stack([normals, normals], axis=1)
+    assert model.execute(hall(), poses, u[None], given)[0][0, 2] == pytest.approx(1.5)
     assert model.sample(hall(), poses, u, normals)[0][0, 2] == pytest.approx(1.1)
 
 
@@ -421,8 +422,10 @@ def test_one_call_carries_a_command_out_and_reads_the_odometry():
     model = MotionModel(MotionNoise(0.1, 0.2, 0.3, 0.05), MotionNoise(0.2, 0.1, 0.1, 0.02))
     poses = rng.uniform([0.0, 0.0, -pi], [17.0, 12.0, pi], (300, 3))
     commands, normals = rng.uniform(-3.0, 3.0, (300, 3)), rng.standard_normal((300, 2, 3))
-    reached, done = model.execute(terrain, poses, commands, normals[:, 0])
+    wanted = commands + normals[:, 0] * model.actuation.sigma(commands)
+    reached, done = move(terrain, poses, wanted)
     assert (np.abs(done[:, 1]) < 0.5 * np.abs(commands[:, 1])).sum() > 20
-    both = model.execute_and_read(terrain, poses, commands, normals)
+    both = model.execute(terrain, poses, commands, normals)
     np.testing.assert_array_equal(both[0], reached)
-    np.testing.assert_array_equal(both[1], model.read_odometry(done, normals[:, 1]))
+    read = done + normals[:, 1] * model.odometry.sigma(done)
+    np.testing.assert_array_equal(both[1], read)

@@ -82,37 +82,10 @@ class MotionModel:
         self,
         terrain: Terrain,
         poses: NDArray[np.float64],
-        command: NDArray[np.float64],
-        normals: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Carry a command out.
-
-        Args:
-            terrain: Where the robot can be.
-            poses: ``(N, 3)``.
-            command: ``(N, 3)`` or ``(3,)``.
-            normals: ``(N, 3)`` of standard normal numbers.
-
-        Returns:
-            Poses reached and the motions carried out, ``(N, 3)`` each.
-        """
-        return move(terrain, poses, command + normals * self.actuation.sigma(command))
-
-    def read_odometry(
-        self, carried_out: NDArray[np.float64], normals: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """What the odometry says of motions ``(N, 3)``: an array like them."""
-        result: NDArray[np.float64] = carried_out + normals * self.odometry.sigma(carried_out)
-        return result
-
-    def execute_and_read(
-        self,
-        terrain: Terrain,
-        poses: NDArray[np.float64],
         commands: NDArray[np.float64],
         normals: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """:meth:`execute`, then :meth:`read_odometry`, in one call.
+        """Carry commands out, and say what the odometry makes of it.
 
         Args:
             terrain: Where the robot can be.

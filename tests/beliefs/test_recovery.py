@@ -82,9 +82,9 @@ def walk(steps, seed, kidnapped_at=None):
     for step in range(steps):
         if step == kidnapped_at:
             pose = THERE
-        reached, carried_out = MOTION.execute(terrain, pose[None], DRIVE, np.zeros((1, 3)))
+        reached, carried_out = move(terrain, pose[None], DRIVE)
         pose = reached[0]
-        u = MOTION.read_odometry(carried_out, rng.standard_normal((1, 3)))[0]
+        u = (carried_out + rng.standard_normal((1, 3)) * MOTION.odometry.sigma(carried_out))[0]
         z = SENSOR.sample(
             cast_scan(flat(), pose, SENSOR.bearings, SENSOR.z_max), rng.random((12, 2))
         )
@@ -341,7 +341,7 @@ def drives(steps, kidnapped_at):
     rng = np.random.default_rng(8)
     for step in range(steps):
         pose = THERE if step == kidnapped_at else pose
-        pose = EXACT.execute(terrain, pose[None], DRIVE, np.zeros((1, 3)))[0][0]
+        pose = move(terrain, pose[None], DRIVE)[0][0]
         ranges = cast_scan(flat(), pose, SENSOR.bearings, SENSOR.z_max)
         yield DRIVE, SENSOR.sample(ranges, rng.random((12, 2)))
 

@@ -250,8 +250,8 @@ class Oracle:
             near = np.flatnonzero(beside) if self.rng.random() < 0.7 else np.arange(len(beside))
             cell, heading = int(self.rng.choice(near)), int(self.rng.integers(poses.headings))
             start = self.starts(cell, heading, 1)
-            done = motion.execute(poses.terrain, start, command, self.rng.normal(size=(1, 3)))[1]
-            u = motion.read_odometry(done, self.rng.normal(size=(1, 3)))[0]
+            normals = self.rng.normal(size=(1, 2, 3))
+            u = motion.execute(poses.terrain, start, command[None], normals)[1][0]
             touched = bool(motion.touched(command, u))
             u = np.array([0.0, round(u[1] / 0.1) * 0.1, 0.0])
             kind = "free" if not touched else "partly" if u[1] > 0.05 else "refused"

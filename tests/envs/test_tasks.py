@@ -46,7 +46,7 @@ KIDNAPPED = "activeloc/KidnappedRobot-v0"
 class Scripted:
     """A belief that says what a script tells it to: masses, and how far off the estimate is."""
 
-    impossible, leap = (), Task().leap
+    impossible, leap, within_leap = (), Task().leap, ()
 
     def __init__(self, episodes, masses, offset=(0.0, 0.0, 0.0), entropies=None):
         self.simulator = episodes.simulator
@@ -68,7 +68,8 @@ class Scripted:
 
     def mass_near(self, robot, pose, radius, angle):
         assert (radius, angle) == (self.leap, np.pi)
-        return self.script[min(self.step, len(self.script) - 1)]
+        script = self.within_leap or self.script
+        return script[min(self.step, len(script) - 1)]
 
     def summarise(self, robot):
         i = min(self.step, len(self.script) - 1)
@@ -543,6 +544,22 @@ def test_a_robot_that_is_right_has_recovered_whether_it_noticed_or_not(masses, n
     info = episodes.info(0)
     assert (info["notice_steps"], info["recover_steps"]) == (notice, recover)
     assert (info["is_success"], info["wrong"]) == (recover >= 0, False)
+
+
+@pytest.mark.parametrize(
+    ("mass", "within_leap", "lets_go"),
+    [(LOST, SURE, False), (LOST, 0.3, False), (SURE, LOST, True), (LOST, LOST, True)],
+)
+@pytest.mark.parametrize("kidnap", ["range", "never"])
+def test_a_belief_lets_go_by_what_it_holds_within_a_leap(mass, within_leap, lets_go, kidnap):
+    task = {"kind": "kidnapped", "kidnap": kidnap, "kidnap_first": 4, "kidnap_last": 4}
+    episodes = scripted([SURE] * 4 + [mass] * 3, FAR[0] if kidnap == "range" else NEAR[0],
+                        **task, leap=1e3)  # fmt: skip
+    episodes.belief.within_leap = [1.0] * 4 + [within_leap] * 3
+    play(episodes, 6)
+    info = episodes.info(0)
+    assert info["noticed"] == (kidnap == "range" and lets_go)
+    assert info["false_alarm"] == (kidnap == "never" and lets_go)
 
 
 @pytest.mark.parametrize(("metres", "leapt"), [(0.0, False), (1.99, False), (2.0, True)])
