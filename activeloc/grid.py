@@ -7,6 +7,7 @@ converts between metres and cells is :meth:`OccupancyGrid.to_cells` with its inv
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
@@ -119,7 +120,11 @@ class OccupancyGrid:
         touched[1:-1, 1:-1] = False
         for row, col in np.ndindex(3, 3):
             touched[row : row + 2 * height - 1 : 2, col : col + 2 * width - 1 : 2] |= self.blocked
-        half_cells = ndimage.distance_transform_edt(~touched)[1::2, 1::2]
+        nearest = ndimage.distance_transform_edt(
+            ~touched, return_distances=False, return_indices=True
+        )[:, 1::2, 1::2]
+        apart = (nearest - 2 * np.indices(self.shape, dtype=nearest.dtype) - 1).astype(np.float64)
+        half_cells = np.sqrt((apart * apart).sum(axis=0))
         result: NDArray[np.float64] = half_cells * (0.5 * self.resolution)
         return result
 
@@ -127,6 +132,12 @@ class OccupancyGrid:
     def frame(self) -> NDArray[np.float64]:
         """``(3,)``; x and y of the lower left corner and the resolution [m], for kernels."""
         return np.array([*self.origin, self.resolution])
+
+    def renamed(self, name: str) -> OccupancyGrid:
+        """The same map under another name, with all that has been computed of it."""
+        twin = copy(self)
+        object.__setattr__(twin, "name", name)
+        return twin
 
     def count(self) -> dict[str, int]:
         """How many cells are free, occupied and unknown."""

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeloc.beliefs import Summary
-from activeloc.beliefs.metric_view import MetricView
 from activeloc.beliefs.novelty import drop_novel
 from activeloc.beliefs.settings import HistogramConfig
 from activeloc.envs.episode import Episode
@@ -31,6 +30,7 @@ from activeloc.simulator import Simulator
 
 if TYPE_CHECKING:
     from activeloc.beliefs.histogram import HistogramBelief
+    from activeloc.beliefs.metric_view import MetricView
     from activeloc.beliefs.particles import ParticleBelief
 
 __all__ = ["BELIEFS", "SENSORS", "WORLDS", "EpisodeConfig", "Episodes", "Knowledge"]
@@ -57,7 +57,11 @@ class Episodes:
         )
         self.belief = self._make_belief()
         look = config.observation
-        self.view = MetricView(self.belief, self.filter_sensor, look.radius) if look.view else None
+        self.view: MetricView | None = None
+        if look.view:
+            from activeloc.beliefs.metric_view import MetricView
+
+            self.view = MetricView(self.belief, self.filter_sensor, look.radius)
         self._episodes: list[Episode | None] = [None] * n_robots
 
     def _redraw(self) -> tuple[float, int] | None:

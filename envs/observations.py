@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
@@ -21,8 +21,10 @@ from numpy.typing import NDArray
 
 from activeloc import checks
 from activeloc.beliefs import Belief, Summary
-from activeloc.beliefs.metric_view import PLACE, PLANES, WAYS, MetricView
 from activeloc.beliefs.view import map_view, show
+
+if TYPE_CHECKING:
+    from activeloc.beliefs.metric_view import MetricView
 
 SCALARS = ("entropy", "mass", "touched", "turned", "travelled")
 
@@ -65,6 +67,8 @@ class ObservationConfig:
             "scalars": gym.spaces.Box(-1.0, 1.0, (len(SCALARS),), np.float32),
         }
         if self.view:
+            from activeloc.beliefs.metric_view import PLACE, PLANES, WAYS
+
             side = 2 * self.radius + 1
             shapes = {"view": (PLANES, side, side), "ways": WAYS, "place": PLACE}
             for name, part in shapes.items():

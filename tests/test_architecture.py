@@ -196,11 +196,12 @@ def test_importing_it_loads_nothing_heavy(module):
     ("settings", "others"),
     [
         ("belief='histogram'", ("beliefs.particles", "beliefs.monte_carlo", "envs.maze_episodes")),
+        ("belief='histogram'", ("beliefs.metric_view", "maps.ros")),
         ("belief='particles'", ("beliefs.histogram", "beliefs.track", "envs.maze_episodes")),
         ("task='maze', map='maze(size=7):0'", ("beliefs.particles", "beliefs.histogram")),
     ],
 )
-def test_an_environment_loads_nothing_of_other_beliefs(settings, others):
+def test_an_environment_loads_nothing_that_it_does_not_need(settings, others):
     code = (
         "import sys\nfrom activeloc.envs.localization import LocalizationEnv\n"
         f"LocalizationEnv({settings})\n"

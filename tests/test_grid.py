@@ -248,6 +248,15 @@ def test_equal_maps_have_equal_digests_whatever_their_name():
     assert len(one.digest) == 64
 
 
+def test_a_map_under_another_name_keeps_what_was_computed():
+    grid = OccupancyGrid(CELLS, 0.1, (1.0, 2.0), name="one")
+    clearance = grid.clearance
+    twin = grid.renamed("two")
+    assert (grid.name, twin.name) == ("one", "two")
+    assert twin == grid
+    assert twin.clearance is clearance
+
+
 @pytest.mark.parametrize(
     "other",
     [

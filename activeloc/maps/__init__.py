@@ -23,10 +23,16 @@ reach whatever it fits into:
 ``"office(rooms=6):*"`` and ``"path/to/map.yaml"``, and draws a map for each episode.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from activeloc.maps.formats import load_map, save_map
-from activeloc.maps.ros import load_image, load_ros, save_ros
 from activeloc.maps.source import GENERATORS, MapGenerator, MapSource
 from activeloc.maps.text import from_text, to_text
+
+if TYPE_CHECKING:
+    from activeloc.maps.ros import load_image, load_ros, save_ros
 
 __all__ = [
     "GENERATORS",
@@ -40,3 +46,12 @@ __all__ = [
     "save_ros",
     "to_text",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """What reads YAML and images, at its first use: a generated map needs neither library."""
+    if name in ("load_image", "load_ros", "save_ros"):
+        from activeloc.maps import ros
+
+        return getattr(ros, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -8,7 +8,6 @@ from pathlib import Path
 from activeloc.errors import MapError
 from activeloc.grid import MAX_CELLS, OccupancyGrid
 from activeloc.maps.files import read_bytes, write_atomically
-from activeloc.maps.ros import load_image, load_ros, save_ros
 from activeloc.maps.text import from_text, to_text
 
 ROS_SUFFIXES = (".yaml", ".yml")
@@ -42,10 +41,14 @@ def load_map(
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix in ROS_SUFFIXES:
+        from activeloc.maps.ros import load_ros
+
         if resolution is not None:
             raise MapError(f"{path}: the file says its own resolution; do not pass {resolution}")
         return load_ros(path, allow_external_image=allow_external_image)
     if suffix in IMAGE_SUFFIXES:
+        from activeloc.maps.ros import load_image
+
         return load_image(path, 0.05 if resolution is None else resolution)
     if suffix in TEXT_SUFFIXES:
         return _load_text(path, 1.0 if resolution is None else resolution)
@@ -65,6 +68,8 @@ def save_map(grid: OccupancyGrid, path: str | os.PathLike[str]) -> None:
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix in ROS_SUFFIXES:
+        from activeloc.maps.ros import save_ros
+
         save_ros(grid, path)
     elif suffix in TEXT_SUFFIXES:
         write_atomically(path, to_text(grid).encode())

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path
@@ -143,7 +143,7 @@ class MapSource:
 def _build(generator: MapGenerator, seed: int) -> OccupancyGrid:
     """The building with a seed, named after both."""
     grid = generator.generate(np.random.default_rng(seed))
-    return replace(grid, name=f"{grid.name}-{seed}")
+    return grid.renamed(f"{grid.name}-{seed}")
 
 
 @lru_cache(maxsize=64)

@@ -1,4 +1,7 @@
-"""Seconds of the clock until a new process has done its work, its kernels compiled before."""
+"""Seconds of the clock until a new process has done its work.
+
+What is kept between processes is kept: Python's bytecode, as installers write it, and the kernels.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from activeloc.benchmarks.clock import Call, alternate
 from activeloc.benchmarks.report import Row, at_most
 from activeloc.benchmarks.settings import Settings
 
+NO_BYTECODE = "PYTHONDONTWRITEBYTECODE"
 HELP = [sys.executable, "-m", "activeloc.cli", "--help"]
 STEP = """
 import gymnasium, activeloc
@@ -42,10 +46,11 @@ def measure(settings: Settings) -> Iterator[Row]:
 
 def _run_of(command: list[str], spent: list[float]) -> Call:
     """Run a command to its end; its processor time goes to ``spent``."""
+    environment = {key: value for key, value in os.environ.items() if key != NO_BYTECODE}
 
     def run() -> None:
         before = os.times()
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, env=environment)
         after = os.times()
         children = after.children_user - before.children_user
         spent.append(children + after.children_system - before.children_system)
