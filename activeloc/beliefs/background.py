@@ -106,13 +106,10 @@ class Background:
         """
         key = (level, hops, floor)
         if key not in self._travels:
-            travel, headings = self.travels.level(level, hops), self.poses.headings
+            travel = self.travels.level(level, hops)
             share = np.zeros(travel.layout.size)
             share[travel.layout.place] = self.share
-            # A state without a row is open ground, whose stencil sums to one.
-            plain = share @ travel.plain.reshape(headings, -1).sum(axis=0)
-            beside = share[travel.source] @ travel.mixed(floor, "float64")
-            self._travels[key] = float(plain + beside) / headings
+            self._travels[key] = travel.left(share, floor)
         return self._travels[key]
 
     def masses(self, bins: CoarseBins) -> NDArray[np.float64]:

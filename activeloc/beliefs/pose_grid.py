@@ -22,6 +22,18 @@ SUB = 4  # Sub-poses along each side of a cell.
 MAX_STATES = 50_000_000
 
 
+def sub_lattice() -> NDArray[np.float64]:
+    """``(SUB * SUB, 2)`` of sub-pose offsets from a cell's lower left corner [cell]."""
+    side = (np.arange(SUB) + 0.5) / SUB
+    return np.stack(np.meshgrid(side, side, indexing="xy"), axis=-1).reshape(-1, 2)
+
+
+def bin_centres(headings: int) -> NDArray[np.float64]:
+    """``(K,)``; centres of the heading bins, from just above -pi [rad]."""
+    middles: NDArray[np.float64] = np.arange(headings, dtype=np.float64) + 0.5
+    return middles * (2.0 * np.pi / headings) - np.pi
+
+
 @dataclass(frozen=True, eq=False)
 class PoseGrid:
     """Cells and heading bins over a terrain.
@@ -59,9 +71,8 @@ class PoseGrid:
 
     @cached_property
     def lattice(self) -> NDArray[np.float64]:
-        """``(SUB * SUB, 2)`` of sub-pose offsets from a cell's lower left corner [cell]."""
-        side = (np.arange(SUB) + 0.5) / SUB
-        return np.stack(np.meshgrid(side, side, indexing="xy"), axis=-1).reshape(-1, 2)
+        """See :func:`sub_lattice`."""
+        return sub_lattice()
 
     @cached_property
     def _probes(self) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
@@ -121,9 +132,8 @@ class PoseGrid:
 
     @cached_property
     def thetas(self) -> NDArray[np.float64]:
-        """``(K,)``; centres of the heading bins, from just above -pi [rad]."""
-        middles: NDArray[np.float64] = np.arange(self.headings, dtype=np.float64) + 0.5
-        return middles * self.bin_width - np.pi
+        """See :func:`bin_centres`."""
+        return bin_centres(self.headings)
 
     def sub_poses(self) -> NDArray[np.float64]:
         """``(C, SUB * SUB, 2)``; x and y of every sub-pose [m], open or not."""

@@ -16,6 +16,11 @@ from numpy.typing import NDArray
 LEVELS = 32  # Shares of a cell's rays are rounded to multiples of 1 / LEVELS.
 
 
+def room_for(n: int) -> int:
+    """Length of an open table of n keys."""
+    return 1 << (2 * n).bit_length()
+
+
 @njit(cache=True, nogil=True)
 def round_to_levels(counts: NDArray[np.int32], levels: int) -> None:
     """Scale counts to integers that sum to ``levels``, by largest remainder; in place."""
@@ -33,8 +38,8 @@ def round_to_levels(counts: NDArray[np.int32], levels: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _slot(known: NDArray[np.uint64], key: np.uint64) -> np.uint64:
-    """Where a key is in an open table, or would go; the table's length is a power of two."""
+def slot_of(known: NDArray[np.uint64], key: np.uint64) -> np.uint64:
+    """Where a key, not 0, is in an open table, or would go; its length is a power of two."""
     mask = np.uint64(known.shape[0] - 1)
     at = (key ^ (key >> np.uint64(32))) & mask
     while known[at] != 0 and known[at] != key:
@@ -78,7 +83,7 @@ def _assign(
                 if counts[c]:
                     sums[c] += keys[0, of[np.uint32(place[c])]]
     for c in range(first, n_cells):
-        at = _slot(known[0], sums[c])
+        at = slot_of(known[0], sums[c])
         if known[0, at] == 0:
             if 2 * max(used[0], used[1]) >= known.shape[1] or used[2] == profiles.shape[0]:
                 return c
@@ -91,7 +96,7 @@ def _assign(
             round_to_levels(profile, LEVELS)
             for q in range(profile.shape[0]):
                 key += np.uint64(profile[q]) * keys[1, q]
-            there = _slot(known[1], key)
+            there = slot_of(known[1], key)
             if known[1, there] == 0:
                 known[1, there], known_row[1, there] = key, used[2]
                 used[1] += 1
@@ -112,7 +117,7 @@ def _moved(
     for t in range(2):
         for i in range(known.shape[1]):
             if known[t, i] != 0:
-                at = _slot(longer[t], known[t, i])
+                at = slot_of(longer[t], known[t, i])
                 longer[t, at], rows[t, at] = known[t, i], known_row[t, i]
     return longer, rows
 

@@ -8,22 +8,29 @@ the filter carries such remainders over to later steps; heading noise that it st
 put into the prediction here.
 """
 
+import itertools
 from dataclasses import dataclass
+from math import erf, sqrt
 
 import numpy as np
 import pytest
 
+from activeloc.beliefs.free_distance import TURNS, FreeDistances
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig, turn_taps
 from activeloc.beliefs.plane_belief import PlaneBelief
+from activeloc.beliefs.plane_layout import PlaneLayout
 from activeloc.beliefs.pose_grid import PoseGrid
-from activeloc.beliefs.travel_table import TURNS, TravelTable
+from activeloc.beliefs.sweep import Sweep
+from activeloc.beliefs.travel_table import TravelTable
 from activeloc.grid import OccupancyGrid
-from activeloc.motion import MotionModel, MotionNoise, Terrain, move
+from activeloc.motion import MARGIN, MotionModel, MotionNoise, Terrain, move
 from activeloc.sensors import BeamModel
 
 MOTION = MotionModel(
     actuation=MotionNoise(2 / 30, 0.0494, 0.02), odometry=MotionNoise(4 / 30, 0.0494, 0.05)
 )
+
+NODES = (-sqrt(3), 0.0, sqrt(3))  # Of a standard normal variable: they count 1, 4 and 1 sixths.
 
 
 def building():
@@ -48,7 +55,13 @@ def lumber_room():
 
 # --- every state ---------------------------------------------------------------------------------
 
-GRIDS = [(building, 0.2, 72), (lumber_room, 0.2, 72), (building, 0.1, 24), (lumber_room, 0.3, 20)]
+GRIDS = [
+    (building, 0.2, 72),
+    (lumber_room, 0.2, 72),
+    (building, 0.1, 24),
+    (lumber_room, 0.3, 20),
+    (building, 0.17, 12),
+]
 
 
 @pytest.mark.parametrize(("world", "cell_size", "headings"), GRIDS)
@@ -115,7 +128,7 @@ def test_nothing_travels_through_a_wall_or_too_far(level, radius, leak):
 def test_free_distances_are_those_of_a_march():
     poses = PoseGrid(Terrain(building(), 0.2), 0.2, 24)
     table = TravelTable(poses, MOTION.odometry)
-    assert table.free.shape == (24, 3, 16, table.layout.size)
+    assert table.free.kind.shape == (24, len(poses.cells))
     assert sorted(TURNS) == pytest.approx([-1 / 3, 0.0, 1 / 3])
     subs, rng = poses.sub_poses(), np.random.default_rng(0)
     reach = np.arange(0.0, 1.3, 0.0025)
@@ -128,8 +141,81 @@ def test_free_distances_are_those_of_a_march():
         way = np.array([np.cos(theta), np.sin(theta)])
         stopped = ~poses.terrain.contains(subs[c, sub] + reach[:, None] * way)
         first = reach[stopped.argmax()] if stopped.any() else 1.3
-        free = table.free[k, turn, sub, table.layout.place[c]]
+        free = table.free.units[table.free.kind[k, c]].reshape(3, 16)[turn, sub]
         assert free / 200 == pytest.approx(min(first, 255 / 200), abs=0.0101)
+
+
+@pytest.mark.parametrize(("world", "cell_size", "headings"), GRIDS)
+def test_states_of_one_kind_have_the_same_free_distances(world, cell_size, headings):
+    poses = PoseGrid(Terrain(world(), 0.2), cell_size, headings)
+    free, layout = FreeDistances(poses), PlaneLayout(poses)
+    unit = 0.005 / poses.terrain.grid.resolution
+    sweep = Sweep(poses, poses.terrain, np.arange(1, 256) * unit + MARGIN)
+    out = np.empty((16, layout.size), dtype=np.uint8)
+    assert free.units.shape == (free.first[-1], 48)
+    assert len(free.units) <= 0.7 * free.kind.size
+    for k in range(0, headings, 5):
+        assert free.kind[k].min() == free.first[k]
+        assert free.kind[k].max() == free.first[k + 1] - 1
+        np.testing.assert_array_equal(free.is_open[free.kind[k]], poses.is_open)
+        for t, turn in enumerate(TURNS):
+            sweep.along(np.array([poses.thetas[k] + turn * poses.bin_width]), out)
+            got = free.units[free.kind[k]].reshape(-1, 3, 16)[:, t][poses.is_open]
+            np.testing.assert_array_equal(got, out[:, layout.place].T[poses.is_open])
+
+
+def row_of(table, level, k, c):
+    """Where a travel leads from one state, worked out alone: ``(2, rows, cols)``, free and clipped.
+
+    Each open probe counts alike. Its way ends where one of 288 ways from around it would, on cells
+    of the belief; as probable as its free distance is longer than the travel, but for half a level,
+    with a Gaussian error. Otherwise the robot stands at its free distance, or where it was.
+    """
+    poses, length, (row, col) = table.grid, level * table.step, table.grid.cells[c]
+    spread, bend = max(MOTION.odometry.translation_from_translation * length, 0.005), 0.05 * length
+    index = np.pad(poses.index, 20, constant_values=-1)
+    out, subs = np.zeros((2, *index.shape)), np.flatnonzero(poses.is_open[c])
+    free = table.free.units[table.free.kind[k, c]].reshape(3, 16) / 200
+    fine = ((np.arange(4) + 0.5) / 4 - 0.5) / 4
+    ways = np.array([*itertools.product((-1 / 12, 1 / 12), NODES, NODES, fine, fine)])
+    p = np.where(ways[:, 1:3] == 0.0, 2 / 3, 1 / 6).prod(axis=1) / 32
+    for (t, turn), s in itertools.product(enumerate(TURNS), subs):
+        middle, probe = poses.thetas[k] + turn * poses.bin_width, poses.lattice[s]
+        theta = middle + ways[:, 0] * poses.bin_width + ways[:, 1] * bend
+        z = (length + ways[:, 2] * spread) / poses.cell_size
+        x, y = probe[:, None] + ways[:, 3:].T + z * np.array([np.cos(theta), np.sin(theta)])
+        at = 20 + row + np.floor(y).astype(int), 20 + col + np.floor(x).astype(int)
+        landing = p * (index[at] >= 0)
+        gap = (free[t, s] - (length - table.step / 2)) / spread
+        p_free = 0.5 * (1 + erf(gap / sqrt(2)))
+        if free[t, s] >= length + 3 * spread or free[t, s] == 255 / 200:
+            p_free = 1.0
+        if landing.sum() < 1e-3:
+            p_free = 0.0
+        else:
+            np.add.at(out[0], at, p_free * landing / landing.sum())
+        z = min(free[t, s], length) / poses.cell_size
+        x, y = np.floor(probe + z * np.array([np.cos(middle), np.sin(middle)])).astype(int)
+        stands = 20 + row + y, 20 + col + x
+        out[1][stands if index[stands] >= 0 else (20 + row, 20 + col)] += 1.0 - p_free
+    assert not out[:, index < 0].any()
+    return out[:, 20:-20, 20:-20] / (len(TURNS) * len(subs))
+
+
+@pytest.mark.parametrize("level", [1, 5, 8])
+@pytest.mark.parametrize(("world", "cell_size", "headings"), GRIDS[:3])
+def test_rows_are_those_of_each_state_worked_out_alone(world, cell_size, headings, level):
+    """But for ways that end on the edge of a cell, which is on either side of it."""
+    poses = PoseGrid(Terrain(world(), 0.2), cell_size, headings)
+    table = TravelTable(poses, MOTION.odometry)
+    travel, rng, gaps = table.level(level), np.random.default_rng(level), []
+    start = travel.row_start
+    for state in rng.choice(np.flatnonzero(np.diff(start) > 0), 100, replace=False):
+        of, got = slice(start[state], start[state + 1]), np.zeros((2, *poses.shape))
+        got[:, *np.divmod(travel.target[of], poses.shape[1])] = travel.weight[:, of]
+        gaps.append(np.abs(got - row_of(table, level, *divmod(int(state), len(poses.cells)))).max())
+    assert np.median(gaps) <= 1e-6
+    assert max(gaps) <= 0.01
 
 
 def test_contact_is_the_share_of_probes_with_a_wall_within_a_cell():

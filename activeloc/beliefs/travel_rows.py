@@ -1,0 +1,268 @@
+"""Kernels of the travel table: where a travel of a given length leads from beside obstacles.
+
+A state's row follows from the kind of its free distances (:mod:`activeloc.beliefs.free_distance`)
+and from which cells around it exist. States that have both in common share one row, which is worked
+out once. Windows and their slots are those of :mod:`activeloc.beliefs.landings`.
+"""
+
+from math import erf, sqrt
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from activeloc.beliefs.profiles import slot_of
+
+LANES = 32  # Rows that are worked out side by side.
+
+
+@njit(cache=True, nogil=True)
+def open_chance(unit: float, threshold: float, spread: float, safe: float) -> NDArray[np.float64]:
+    """``(256,)``; probability that a way was open whose free distance is so many units.
+
+    Args:
+        unit: Its length, and that of
+        threshold: the free distance that is as likely open as not,
+        spread: its standard deviation, and
+        safe: a free distance with no doubt open.
+    """
+    p = np.ones(256)
+    for f in range(256):
+        if f * unit < safe:
+            x = (f * unit - threshold) / (spread * sqrt(2.0))
+            p[f] = 0.5 * (1.0 + erf(x)) if x > -4.5 else 0.0  # 1e-10
+    return p
+
+
+@njit(cache=True, nogil=True)
+def find_stops(
+    lattice: NDArray[np.float64], angles: NDArray[np.float64], reach: NDArray[np.float64], half: int
+) -> NDArray[np.int64]:
+    """``(T S, F)``; slot where each probe stands after its free distance [unit] or the travel.
+
+    Args:
+        lattice: ``(S, 2)`` of offsets of the sub-poses [cell].
+        angles: ``(T,)``; headings of the probes.
+        reach: Length of a unit, and of the travel [cell]; F is as many units as that and one.
+        half: R.
+    """
+    longest = min(256, int(np.ceil(reach[1] / reach[0])) + 1)
+    stop = np.empty((angles.shape[0] * lattice.shape[0], longest), dtype=np.int64)
+    for i in range(stop.shape[0]):
+        s, angle = i % lattice.shape[0], angles[i // lattice.shape[0]]
+        dx, dy = np.cos(angle), np.sin(angle)
+        for f in range(longest):
+            z = min(f * reach[0], reach[1])
+            row, col = int(np.floor(lattice[s, 1] + z * dy)), int(np.floor(lattice[s, 0] + z * dx))
+            stop[i, f] = (row + half) * (2 * half + 1) + col + half
+    return stop
+
+
+@njit(cache=True, nogil=True)
+def ends_of(slot: NDArray[np.int64], stop: NDArray[np.int64], half: int) -> NDArray[np.int64]:
+    """Slots that a way may end in, ascending."""
+    is_end = np.zeros((2 * half + 1) ** 2, dtype=np.bool_)
+    is_end[is_end.shape[0] // 2] = True
+    for e in range(slot.shape[0]):
+        is_end[slot[e]] = True
+    for i in range(stop.shape[0]):
+        for f in range(stop.shape[1]):
+            is_end[stop[i, f]] = True
+    return np.flatnonzero(is_end)
+
+
+@njit(cache=True, nogil=True)
+def look_around(
+    exists: NDArray[np.uint8],
+    steps: NDArray[np.int32],
+    ends: NDArray[np.int64],
+    keys: NDArray[np.uint64],
+    lands: NDArray[np.uint8],
+    around: NDArray[np.uint64],
+) -> None:
+    """Whether the whole stencil of one heading lands on cells, and which of its slots are cells.
+
+    Args:
+        exists: ``(rows + 2 R, cols + 2 R)``; 1 where the belief has a cell.
+        steps: ``(E, 2)`` of rows and columns that the stencil reaches.
+        ends: Slots that a way may end in.
+        keys: A random key for each slot.
+        lands: ``(rows, cols)``, overwritten.
+        around: ``(rows, cols)``, overwritten with the sum of the keys of slots that exist.
+    """
+    rows, cols = lands.shape
+    half = (exists.shape[1] - cols) // 2
+    side = 2 * half + 1
+    for row in range(rows):
+        lands[row], around[row] = 1, 0
+        here, sums = lands[row], around[row]
+        for e in range(steps.shape[0]):
+            there = exists[row + half + steps[e, 0], half + steps[e, 1] :]
+            for col in range(cols):
+                here[col] &= there[col]
+        for j in range(ends.shape[0]):
+            there, key = exists[row + ends[j] // side, ends[j] % side :], keys[ends[j]]
+            for col in range(cols):
+                sums[col] += key * np.uint64(there[col])
+
+
+@njit(cache=True, nogil=True)
+def sort_states(
+    kind: NDArray[np.int32],
+    is_safe: NDArray[np.bool_],
+    place: NDArray[np.int32],
+    lands: NDArray[np.uint8],
+    around: NDArray[np.uint64],
+    known: NDArray[np.uint64],
+    number: NDArray[np.int32],
+    n_before: int,
+    row: NDArray[np.int32],
+    plain: NDArray[np.uint8],
+    cell: NDArray[np.int32],
+) -> int:
+    """Tell open ground from states beside obstacles, one heading's, and number the rows of these.
+
+    Args:
+        kind: ``(C,)``; of each state's free distances.
+        is_safe: For each kind, whether all its ways are open without doubt.
+        place: ``(C,)``.
+        lands: ``(P,)``; see :func:`look_around`.
+        around: ``(P,)``.
+        known: An open table, empty, overwritten, and
+        number: what it has, overwritten.
+        n_before: First number of a row.
+        row: ``(C,)``, overwritten; -1 on open ground.
+        plain: ``(P,)``, zeros, overwritten with 1 on open ground.
+        cell: ``(C,)``, overwritten with the first cell of each row.
+
+    Returns:
+        How many rows there are.
+    """
+    n = 0
+    for c in range(place.shape[0]):
+        p = place[c]
+        if is_safe[kind[c]] and lands[p] != 0:
+            row[c], plain[p] = -1, 1
+            continue
+        key = around[p] ^ (np.uint64(kind[c] + 1) * np.uint64(0x9E3779B97F4A7C15))
+        at = slot_of(known, key)
+        if known[at] == 0:
+            known[at], number[at], cell[n] = key, n, c
+            n += 1
+        row[c] = n_before + number[at]
+    return n
+
+
+@njit(cache=True, nogil=True)
+def _add_probe(
+    length: NDArray[np.uint8],
+    q: NDArray[np.float64],
+    p_free: NDArray[np.float64],
+    slots: NDArray[np.int64],
+    shares: NDArray[np.float64],
+    there: NDArray[np.float64],
+    ways: NDArray[np.float64],
+    rest: NDArray[np.float64],
+    w: NDArray[np.float64],
+) -> None:
+    """Add the free ways of one probe to as many rows as there are lanes.
+
+    Args:
+        length: ``(LANES,)``; free distances in units.
+        q: ``(LANES,)``; weight of the probe in each row, 0 where it is closed.
+        p_free: ``(256,)``; probability that the way was open, by free distance.
+        slots: ``(E,)``; where the probe's ways end, and
+        shares: ``(E,)`` of them, summing to one.
+        there: ``(slots, LANES)``; 1 where the belief has a cell.
+        ways: ``(slots, LANES)``, added to.
+        rest: ``(LANES,)``, overwritten with the weight of the ways cut short.
+        w: ``(LANES,)``, overwritten.
+    """
+    for b in range(LANES):
+        w[b] = q[b] * p_free[length[b]]
+        rest[b] = 0.0
+    for e in range(shares.shape[0]):
+        share, exists = shares[e], there[slots[e]]
+        for b in range(LANES):
+            rest[b] += share * exists[b]
+    for b in range(LANES):
+        # A way that is open along the probe's heading but ends on no cell of the belief is none.
+        landing = rest[b]
+        is_way = 1.0 if landing >= 1e-3 else 0.0
+        rest[b] = q[b] - w[b] * is_way
+        w[b] *= is_way / max(landing, 1e-3)
+    for e in range(shares.shape[0]):
+        share, exists, to = shares[e], there[slots[e]], ways[slots[e]]
+        for b in range(LANES):
+            to[b] += w[b] * share * exists[b]
+
+
+@njit(cache=True, nogil=True)
+def fill_rows(
+    free: NDArray[np.uint8],
+    is_open: NDArray[np.bool_],
+    kind: NDArray[np.int32],
+    corner: NDArray[np.int64],
+    exists: NDArray[np.uint8],
+    half: int,
+    start: NDArray[np.int64],
+    slot: NDArray[np.int64],
+    share: NDArray[np.float64],
+    stop: NDArray[np.int64],
+    ends: NDArray[np.int64],
+    p_free: NDArray[np.float64],
+    first: NDArray[np.int64],
+    step: NDArray[np.int32],
+    weight: NDArray[np.float32],
+) -> int:
+    """Write N rows of one heading; returns how many entries they have.
+
+    Args:
+        free: ``(kinds, T S)`` in units.
+        is_open: ``(kinds, S)``; open sub-poses.
+        kind: ``(N,)``; of the state of each row, and
+        corner: ``(N,)``; where in ``exists``, flat, its window begins.
+        exists: ``(rows + 2 R, cols + 2 R)``; 1 where the belief has a cell.
+        half: R.
+        start: ``(T S + 1,)``; landings of each probe, entries of
+        slot: ``(E,)`` that they fall into and
+        share: ``(E,)``, summing to one for each.
+        stop: ``(T S, F)``; slot that a probe stands in after its free distance.
+        ends: Slots that a way may end in, ascending.
+        p_free: ``(256,)``; probability that the way was open, by free distance.
+        first: ``(N,)``, overwritten with the first entry of each row.
+        step: Overwritten with places from the state's to the entry's.
+        weight: ``(2, ...)``, overwritten with free and clipped weights.
+    """
+    side, width = 2 * half + 1, exists.shape[1]
+    n_sub, cells = is_open.shape[1], exists.ravel()
+    there, ways = np.zeros((side * side, LANES)), np.zeros((side * side, LANES))
+    cut, length = np.zeros((side * side, LANES)), np.zeros(LANES, dtype=np.uint8)
+    each, q, w, rest = np.zeros(LANES), np.zeros(LANES), np.empty(LANES), np.empty(LANES)
+    n = 0
+    for r in range(0, kind.shape[0], LANES):
+        lanes = min(LANES, kind.shape[0] - r)
+        for b in range(lanes):
+            each[b] = 1.0 / (free.shape[1] // n_sub * is_open[kind[r + b]].sum())
+        for j in ends:
+            ways[j] = cut[j] = 0.0
+            for b in range(lanes):
+                there[j, b] = cells[corner[r + b] + j // side * width + j % side]
+        for i in range(free.shape[1]):
+            for b in range(lanes):
+                length[b] = free[kind[r + b], i]
+                q[b] = each[b] if is_open[kind[r + b], i % n_sub] else 0.0
+            e = slice(start[i], start[i + 1])
+            _add_probe(length, q, p_free, slot[e], share[e], there, ways, rest, w)
+            for b in range(lanes):
+                if rest[b] > 0.0:
+                    j = stop[i, min(np.int64(length[b]), stop.shape[1] - 1)]
+                    cut[j if there[j, b] > 0.0 else side * side // 2, b] += rest[b]
+        for b in range(lanes):
+            first[r + b] = n
+            for j in ends:
+                if ways[j, b] + cut[j, b] > 0.0:
+                    step[n] = (j // side - half) * (width - 2 * half) + j % side - half
+                    weight[0, n], weight[1, n] = ways[j, b], cut[j, b]
+                    n += 1
+    return n
