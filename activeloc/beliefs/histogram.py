@@ -308,13 +308,7 @@ class HistogramBelief:
 
     def thinned(self, robot: int, n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """See :class:`Belief`; centres of states. The background, kept small, is left out."""
-        track = self._track(robot)
-        cell, heading = track.bel.at_shares((np.arange(n) + 0.5) / n)
-        # Equal states stand together.
-        first = np.flatnonzero(np.append(True, (np.diff(cell) != 0) | (np.diff(heading) != 0)))
-        poses = track.tables.poses
-        places = poses.centres[cell[first]]
-        return np.column_stack([places, poses.thetas[heading[first]]]), np.diff(np.append(first, n))
+        return self._track(robot).bel.thinned(n)
 
     def forecast(
         self, robot: int, poses: NDArray[np.float64]

@@ -36,12 +36,13 @@ class PlaneBelief:
         values: ``(K * P,)``, copied; nothing anywhere if None.
     """
 
-    __slots__ = ("_divisor", "_sheet", "_turning", "tables")
+    __slots__ = ("_divisor", "_sheet", "_surveyed", "_turning", "tables")
 
     def __init__(self, tables: GridTables, values: NDArray[np.floating] | None = None) -> None:
         self.tables = tables
         self._sheet = tables.take()
         self._divisor, self._turning = 1.0, _NO_TURN
+        self._surveyed: tuple[int, NDArray[np.float64]] | None = None
         if values is None:
             clear_runs(self._sheet.values, self._sheet.runs, self._sheet.n)
             self._sheet.n = 0
@@ -73,7 +74,8 @@ class PlaneBelief:
 
     @property
     def sheet(self) -> Sheet:
-        """What the belief is, nothing waiting."""
+        """What the belief is, nothing waiting; to be read or written on."""
+        self._surveyed = None
         if self._turns:
             self._replace(self._turned(self._waiting))
         elif self._divisor != 1.0:
@@ -115,6 +117,7 @@ class PlaneBelief:
         """Go over to another sheet, on which nothing waits."""
         self.tables.give(self._sheet)
         self._sheet, self._turning, self._divisor = sheet, _NO_TURN, 1.0
+        self._surveyed = None
 
     def _find(self) -> None:
         """Look where the mass is."""
@@ -156,6 +159,7 @@ class PlaneBelief:
         twin = copy(self)
         twin.rotate(0, np.zeros(1), first, n, 1.0 / n)
         twin._sheet, twin._turning, twin._divisor = self._turned(twin._waiting), _NO_TURN, 1.0
+        twin._surveyed = None
         return twin
 
     def mix_turned(self, share: float, first: int, n: int) -> None:
@@ -209,7 +213,7 @@ class PlaneBelief:
         if not scan.as_product:
             sheet = self.sheet
             return scan.add_logarithms(sheet.values, sheet.runs, sheet.n, size)
-        of = self._sheet
+        of, self._surveyed = self._sheet, None
         to, divisor = (self.tables.take(), 1.0) if self._turns else (of, self._divisor)
         to.n, total, shift = scan.multiply(
             of.values, of.runs, of.n, size, self._waiting, divisor,
@@ -253,7 +257,7 @@ class PlaneBelief:
         if least == 0.0:
             self.divide(mass)
             return 1.0
-        sheet = self.sheet if self._turns else self._sheet
+        sheet, self._surveyed = (self.sheet if self._turns else self._sheet), None
         sheet.n, kept = kernels.normalise(
             sheet.values, sheet.runs, sheet.n, self.tables.layout.size, mass * self._divisor,
             least, sheet.flags,
@@ -297,14 +301,22 @@ class PlaneBelief:
             angle: [rad].
         """
         sheet, tables, out = self._told, self.tables, np.empty(4)
-        bits: NDArray[Any] = sheet.values.view(f"i{sheet.values.itemsize}")
-        mode = found.most_likely(bits, sheet.runs, sheet.n)
-        poses = tables.poses
+        (mode, _), poses = self._survey(), tables.poses
         found.estimate(
             sheet.values, tables.layout.size, poses.index, poses.centres, poses.thetas,
             tables.frame, mode, radius, angle, out,
         )  # fmt: skip
         return out[:3], float(out[3]) / self._divisor
+
+    def _survey(self) -> tuple[int, NDArray[np.float64]]:
+        """The likeliest state, and what each run sums to: kept until the belief changes."""
+        sheet = self._told
+        if self._surveyed is None:
+            bits: NDArray[Any] = sheet.values.view(f"i{sheet.values.itemsize}")
+            sums = np.empty(sheet.n)
+            mode = found.survey(sheet.values, bits, sheet.runs, sheet.n, sums)
+            self._surveyed = mode, sums
+        return self._surveyed
 
     def near(self, pose: NDArray[np.float64], radius: float, angle: float) -> float:
         """Mass around a pose ``(3,)``."""
@@ -318,10 +330,25 @@ class PlaneBelief:
 
     def at_shares(self, shares: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
         """Cells and heading bins at ascending shares ``(N,)`` in [0, 1) of the mass."""
-        sheet, states = self._told, np.empty(len(shares), dtype=np.int64)
-        found.at_shares(sheet.values, sheet.runs, sheet.n, shares, states)
-        heading, place = np.divmod(states, self.tables.layout.size)
+        heading, place = np.divmod(self._states_at(shares), self.tables.layout.size)
         return self.tables.poses.index.ravel()[place], heading
+
+    def thinned(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Poses ``(m, 3)`` at n like shares of the mass, and how many of the n are at each."""
+        states, grid = self._states_at((np.arange(n) + 0.5) / n), self.tables.poses
+        poses, counts = np.empty((n, 3)), np.empty(n, dtype=np.int64)
+        m = found.gather(
+            states, self.tables.layout.size, grid.index.ravel(), grid.centres, grid.thetas,
+            poses, counts,
+        )  # fmt: skip
+        return poses[:m], counts[:m]
+
+    def _states_at(self, shares: NDArray[np.float64]) -> NDArray[np.int64]:
+        """States at ascending shares ``(N,)`` in [0, 1) of the mass."""
+        sheet, (_, sums) = self._told, self._survey()
+        states = np.empty(len(shares), dtype=np.int64)
+        found.at_shares(sheet.values, sheet.runs, sheet.n, sums, shares, states)
+        return states
 
 
 def _as_taps(turning: turns.Turning) -> turns.Turning:

@@ -8,21 +8,47 @@ from activeloc.beliefs.plane_layout import BLOCK, CHUNK
 
 
 @njit(cache=True, nogil=True)
-def most_likely(bits: NDArray[np.int32], runs: NDArray[np.int32], n: int) -> int:
-    """State of the largest probability, the first of equals.
+def _fold_fours(
+    of: NDArray[np.float32], at: np.uint64, n: np.uint64, to: NDArray[np.float32]
+) -> None:
+    """Add the four quarters of 4 n states up, several states at once: ``to (n,)``, overwritten."""
+    second, third, fourth = at + n, at + np.uint64(2) * n, at + np.uint64(3) * n
+    for i in range(n):
+        to[i] = (of[at + i] + of[second + i]) + (of[third + i] + of[fourth + i])
+
+
+@njit(cache=True, nogil=True)
+def survey(
+    values: NDArray[np.float32],
+    bits: NDArray[np.int32],
+    runs: NDArray[np.int32],
+    n: int,
+    sums: NDArray[np.float64],
+) -> int:
+    """State of the largest probability, the first of equals; and what each run sums to.
 
     Args:
-        bits: ``(K * P,)``; the belief seen as integers of its width, which are ordered alike.
+        values: ``(K * P,)``.
+        bits: The same seen as integers of its width, which are ordered alike.
         runs: Of the belief.
         n: How many.
+        sums: ``(n,)``, overwritten.
     """
     best, where = bits.dtype.type(0), -1
+    folded = np.empty(CHUNK // 4, dtype=values.dtype)
     for r in range(n):
-        of, top = bits[runs[r, 0] : runs[r, 1]], bits.dtype.type(0)
-        for i in range(of.shape[0]):
-            top = max(top, of[i])
+        first, quarter = np.uint64(runs[r, 0]), np.uint64((runs[r, 1] - runs[r, 0]) // 4)
+        top = bits.dtype.type(0)
+        for i in range(first, np.uint64(runs[r, 1])):
+            top = max(top, bits[i])
         if top > best:
             best, where = top, r
+        # Runs are whole blocks of sixteen: what is left after two foldings adds up to them.
+        _fold_fours(values, first, quarter, folded)
+        _fold_fours(folded, np.uint64(0), quarter // np.uint64(4), folded)
+        sums[r] = 0.0
+        for i in range(quarter // np.uint64(4)):
+            sums[r] += folded[i]
     if where >= 0:
         for s in range(runs[where, 0], runs[where, 1]):
             if bits[s] == best:
@@ -134,6 +160,7 @@ def at_shares(
     values: NDArray[np.float32],
     runs: NDArray[np.int32],
     n: int,
+    sums: NDArray[np.float64],
     shares: NDArray[np.float64],
     states: NDArray[np.int64],
 ) -> None:
@@ -143,24 +170,12 @@ def at_shares(
         values: ``(K * P,)``.
         runs: Of ``values``.
         n: How many.
+        sums: ``(n,)``; what each run sums to; see :func:`survey`.
         shares: ``(N,)`` in [0, 1), ascending.
         states: ``(N,)``, overwritten.
     """
-    sums, whole = np.empty(n), 0.0
-    folded = np.empty(CHUNK // 4, dtype=values.dtype)
+    whole = 0.0
     for r in range(n):
-        # A sixteenth is left after two foldings, in which several states are done at once.
-        of = values[runs[r, 0] : runs[r, 1]]
-        for _ in range(2):
-            length = of.shape[0] // 4
-            first, second = of[:length], of[length : 2 * length]
-            third, fourth = of[2 * length : 3 * length], of[3 * length : 4 * length]
-            for i in range(length):
-                folded[i] = (first[i] + second[i]) + (third[i] + fourth[i])
-            of = folded[:length]
-        sums[r] = 0.0
-        for i in range(of.shape[0]):
-            sums[r] += of[i]
         whole += sums[r]
     final = n - 1
     while final > 0 and sums[final] == 0.0:
@@ -190,6 +205,43 @@ def at_shares(
             while values[last] <= 0.0:
                 last -= 1
         states[j] = last
+
+
+@njit(cache=True, nogil=True)
+def gather(
+    states: NDArray[np.int64],
+    size: int,
+    index: NDArray[np.int32],
+    centres: NDArray[np.float64],
+    thetas: NDArray[np.float64],
+    poses: NDArray[np.float64],
+    counts: NDArray[np.int64],
+) -> int:
+    """Poses of ascending states, each once, and how often it comes.
+
+    Args:
+        states: ``(N,)``.
+        size: P.
+        index: ``(rows * cols,)`` of cell or -1.
+        centres: ``(C, 2)`` [m].
+        thetas: ``(K,)`` [rad].
+        poses: ``(N, 3)``, overwritten from the first on.
+        counts: ``(N,)``, overwritten alike.
+
+    Returns:
+        How many poses that is.
+    """
+    m = 0
+    for j in range(states.shape[0]):
+        if j > 0 and states[j] == states[j - 1]:
+            counts[m - 1] += 1
+            continue
+        c = index[states[j] % size]
+        poses[m, 0], poses[m, 1] = centres[c, 0], centres[c, 1]
+        poses[m, 2] = thetas[states[j] // size]
+        counts[m] = 1
+        m += 1
+    return m
 
 
 @njit(cache=True, nogil=True)

@@ -278,6 +278,49 @@ def test_states_at_shares_are_those_of_the_cumulative_sum(tables, belief):
 
 
 @pytest.mark.parametrize("belief", BELIEFS)
+@pytest.mark.parametrize("n", [1, 7, 128])
+def test_the_thinned_belief_is_poses_at_even_shares(tables, belief, n):
+    bel = PlaneBelief.of(tables, belief(tables))
+    cell, heading = bel.at_shares((np.arange(n) + 0.5) / n)
+    expected = np.column_stack([tables.poses.centres[cell], tables.poses.thetas[heading]])
+    poses, counts = bel.thinned(n)
+    assert counts.sum() == n
+    np.testing.assert_array_equal(np.repeat(poses, counts, axis=0), expected)
+    assert len(np.unique(poses, axis=0)) == len(poses)
+
+
+CHANGES = {
+    "turn": lambda b, t: b.rotate(1, np.array([0.2, 0.5, 0.3])),
+    "travel": lambda b, t: b.travel(3, 1, 0.0),
+    "contact": lambda b, t: b.touch(0.1),
+    "scan": lambda b, t: b.read(scan_at(t, t.powered.power)),
+    "scan, by logarithms": lambda b, t: b.read(scan_at(t, 1.0)),
+    "less": lambda b, t: b.normalise(b.mass(), float(b.by_cell.max()) / 3.0),
+    "factor": lambda b, t: b.scale(0.5),
+    "another": lambda b, t: b.add(PlaneBelief.of(t, spots(t, 3, 9)), 2.0),
+    "uniform": lambda b, t: b.add_uniform(0.5, 0.5),
+}
+
+
+def scan_at(tables, weight):
+    readings = np.array([3, 7, 2, 5, 9], dtype=np.int32)
+    said = ScanLikelihood.of(tables.readings, tables.powered, readings, np.full(5, weight))
+    assert said.as_product == (weight == tables.powered.power)
+    return said
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_what_was_found_is_looked_for_again_after_a_change(tables, change):
+    bel = PlaneBelief.of(tables, spots(tables, 80, 2, 6))
+    bel.estimate(0.5, 0.4)
+    CHANGES[change](bel, tables)
+    anew = PlaneBelief.of(tables, bel.by_cell)
+    for one, other in zip(bel.thinned(50), anew.thinned(50), strict=True):
+        np.testing.assert_array_equal(one, other)
+    np.testing.assert_allclose(bel.estimate(0.5, 0.4)[0], anew.estimate(0.5, 0.4)[0], atol=1e-9)
+
+
+@pytest.mark.parametrize("belief", BELIEFS)
 def test_the_estimate_is_the_mean_around_the_largest(tables, belief):
     p, poses = belief(tables), tables.poses
     estimate, mass = PlaneBelief.of(tables, p).estimate(0.5, 0.4)
