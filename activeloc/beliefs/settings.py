@@ -129,12 +129,12 @@ class ParticleConfig:
             above ``alpha_fast``.
     """
 
-    n_min: int = 6_000
+    n_min: int = 12_000
     n_max: int = 50_000
     n_start: int = 200_000
     n_elsewhere: int = 1_000
     per_state: float = 20.0
-    allocation: float = 0.7
+    allocation: float = 0.5
     ess_ratio: float = 0.5
     resampling: str = "systematic"
     sigma_factor: float = 2.0

@@ -411,7 +411,7 @@ def test_looking_back_finds_what_bayes_rule_says():
     steps = list(drives(5, 2))
     exact, where, weights = exact_chances(still(0), steps)
     got, mass = [], []
-    for seed in range(5):
+    for seed in range(16):
         belief = still(seed, widen=1.0, ess_ratio=0.5, n_min=20_000)
         for u, z in steps:
             belief.predict(0, u)
