@@ -7,6 +7,9 @@ next one, the caller among them, so a helper that is late costs nothing: its sha
 others. What a share is does not depend on who does it, nor on how many there are: results are the
 same bits for any number of threads.
 
+Every thread has a queue of shares that it takes from first, the same ones each time: what it wrote
+for them in the last step is in its own cache still. Then it takes what others have not come to.
+
 The shared state is one array of int64 (:func:`new_board`), read and written atomically.
 """
 
@@ -30,7 +33,9 @@ from numpy.typing import NDArray
 
 # Places on the board, each in a cache line of its own.
 LINE = 8
-NEXT, LIMIT, DONE, CLOSED, ASLEEP = (LINE * i for i in range(5))
+LIMIT, DONE, CLOSED, THREADS = (LINE * i for i in range(4))
+OF_A_THREAD = 2 * LINE
+NEXT, ASLEEP = 0, LINE
 PATIENCE = 20_000
 """Times a helper looks for work before it sleeps: about half a millisecond."""
 
@@ -41,6 +46,7 @@ POLITE = 32
 # To the type checkers what it makes of a function is no function of the same arguments.
 _in_line: Any = intrinsic
 building: Any = cgutils
+pointer: Any = types.CPointer
 
 
 def _pointer(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -64,8 +70,8 @@ def add(typing_context: Any, board: Any, at: Any, value: Any) -> Any:
     """Add to what stands on the board; returns what stood there."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        pointer = _pointer(context, builder, signature, args)
-        return builder.atomic_rmw("add", pointer, args[2], "seq_cst")
+        place = _pointer(context, builder, signature, args)
+        return builder.atomic_rmw("add", place, args[2], "seq_cst")
 
     return types.int64(board, types.intp, types.int64), code
 
@@ -75,8 +81,8 @@ def replace_if(typing_context: Any, board: Any, at: Any, old: Any, new: Any) -> 
     """Replace what stands on the board if it is ``old``; whether it was."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        pointer = _pointer(context, builder, signature, args)
-        both = builder.cmpxchg(pointer, args[2], args[3], "seq_cst", "seq_cst")
+        place = _pointer(context, builder, signature, args)
+        both = builder.cmpxchg(place, args[2], args[3], "seq_cst", "seq_cst")
         return builder.extract_value(both, 1)
 
     return types.boolean(board, types.intp, types.int64, types.int64), code
@@ -96,6 +102,16 @@ def pause(typing_context: Any) -> Any:
 
 
 @_in_line
+def floats_at(typing_context: Any, address: Any) -> Any:
+    """A pointer to the numbers of 32 bits at an address: those of an array that is kept alive."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.inttoptr(args[0], context.get_value_type(signature.return_type))
+
+    return pointer(types.float32)(types.int64), code
+
+
+@_in_line
 def give_way(typing_context: Any) -> Any:
     """Let another thread run that waits for this core; on Windows, nothing."""
 
@@ -110,18 +126,41 @@ def give_way(typing_context: Any) -> Any:
 
 def new_board(n_helpers: int) -> NDArray[np.int64]:
     """A board with nothing to do."""
-    return np.zeros(ASLEEP + LINE * max(n_helpers, 1), dtype=np.int64)
+    return np.zeros(THREADS + OF_A_THREAD * (n_helpers + 1), dtype=np.int64)
 
 
 @njit(cache=True, nogil=True)
-def take(board: NDArray[np.int64]) -> int:
-    """The next share that nobody has, counted over all work so far; -1 if there is none."""
-    while True:
-        share = load(board, NEXT)
-        if share >= load(board, LIMIT):
-            return -1
-        if replace_if(board, NEXT, share, share + 1):
-            return share
+def place_of(thread: int, what: int) -> int:
+    """Where ``NEXT`` or ``ASLEEP`` of a thread stands; the caller is thread 0."""
+    return THREADS + OF_A_THREAD * thread + what
+
+
+@njit(cache=True, nogil=True)
+def n_threads(board: NDArray[np.int64]) -> int:
+    """The caller and its helpers."""
+    return (board.shape[0] - THREADS) // OF_A_THREAD
+
+
+@njit(cache=True, nogil=True)
+def take(board: NDArray[np.int64], thread: int, n_each: int) -> int:
+    """A share that nobody has, of those published last; -1 if there is none.
+
+    Args:
+        board: .
+        thread: Who asks.
+        n_each: Shares in a thread's queue; the first queue's shares are numbered first.
+    """
+    n = n_threads(board)
+    for step in range(n):
+        queue = (thread + step) % n
+        place = place_of(queue, NEXT)
+        while True:
+            share = load(board, place)
+            if share >= load(board, LIMIT):
+                break
+            if replace_if(board, place, share, share + 1):
+                return queue * n_each + share % n_each
+    return -1
 
 
 @njit(cache=True, nogil=True)
@@ -131,16 +170,16 @@ def finish(board: NDArray[np.int64]) -> None:
 
 
 @njit(cache=True, nogil=True)
-def publish(board: NDArray[np.int64], n_shares: int) -> None:
-    """There is work: ``n_shares`` more shares. What they need has been written before."""
-    add(board, LIMIT, n_shares)
+def publish(board: NDArray[np.int64], n_each: int) -> None:
+    """There is work: ``n_each`` more shares for every thread. What they need is written before."""
+    add(board, LIMIT, n_each)
 
 
 @njit(cache=True, nogil=True)
 def wait_for_others(board: NDArray[np.int64]) -> None:
-    """Until every share that was taken has been done."""
+    """Until every share that was published has been done."""
     looks = 0
-    while load(board, DONE) < load(board, LIMIT):
+    while load(board, DONE) < n_threads(board) * load(board, LIMIT):
         looks += 1
         if looks % POLITE == 0:
             give_way()
@@ -155,7 +194,7 @@ def is_worth_waiting(board: NDArray[np.int64], helper: int, idle: int) -> bool:
             give_way()
         pause()
         return True
-    add(board, ASLEEP + LINE * helper, 1)
+    add(board, place_of(helper, ASLEEP), 1)
     return False
 
 
@@ -167,14 +206,15 @@ class Helpers:
 
     Args:
         n: How many.
-        work: ``work(board, helper)``: takes shares until :func:`is_worth_waiting` says no.
+        work: ``work(board, helper)``: takes shares until :func:`is_worth_waiting` says no. Helpers
+            are numbered from 1.
     """
 
     def __init__(self, n: int, work: Callable[[NDArray[np.int64], int], None]) -> None:
         self.n = n
         self._work = work
         self._pid = -1
-        self._doors: list[Any] = []
+        self._doors: list[tuple[int, Any]] = []
         self._close: Any = None
         self.board = new_board(n)
 
@@ -187,24 +227,26 @@ class Helpers:
         """See that the helpers are awake, or soon will be; returns the board."""
         if self._pid != os.getpid():
             self._start()
-        for helper, door in enumerate(self._doors):
-            at = ASLEEP + LINE * helper
-            if self.board[at]:
-                self.board[at] = 0
+        board = self.board
+        for at, door in self._doors:
+            if board[at]:
+                board[at] = 0
                 door.release()
-        return self.board
+        return board
 
     def _start(self) -> None:
         self._pid = os.getpid()
         # Compiled here: a process that ends while a thread compiles is aborted.
         closed = new_board(self.n)
         closed[CLOSED] = 1
-        self._work(closed, 0)
+        self._work(closed, 1)
         self.board = new_board(self.n)
-        self._doors = [threading.Lock() for _ in range(self.n)]
-        for helper, door in enumerate(self._doors):
+        self._doors = []
+        for helper in range(1, self.n + 1):
+            at, door = place_of(helper, ASLEEP), threading.Lock()
             door.acquire()
-            self.board[ASLEEP + LINE * helper] = 1
+            self.board[at] = 1
+            self._doors.append((at, door))
             threading.Thread(
                 target=_serve, args=(self._work, self.board, helper, door), daemon=True,
                 name=f"activeloc-helper-{helper}",
@@ -232,14 +274,14 @@ def _serve(
         work(board, helper)
 
 
-def _close(board: NDArray[np.int64], doors: list[Any], pid: int) -> None:
+def _close(board: NDArray[np.int64], doors: list[tuple[int, Any]], pid: int) -> None:
     if pid != os.getpid():
         return
     board[CLOSED] = 1
-    for helper, door in enumerate(doors):
+    for at, door in doors:
         # Whoever is awake sees the board before it sleeps, and finds its door open then.
         if door.locked():
-            board[ASLEEP + LINE * helper] = 0
+            board[at] = 0
             door.release()
 
 

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from activeloc.beliefs.egocentric import PLANES, EgocentricView
+from activeloc.beliefs.egocentric import EgocentricView
 from activeloc.beliefs.lattice import Lattice, LatticeBelief
 from activeloc.envs import maze_kernels as kernels
-from activeloc.envs.egocentric import observe_mazes
+from activeloc.envs.maze_batch import new_batch
 from activeloc.envs.maze_config import ACTIONS, MazeConfig, MazeTask
 from activeloc.envs.maze_knowledge import MazeKnowledge, MazePlanner
 from activeloc.envs.maze_starts import checked_pose, draw_starts, free_cells
@@ -28,8 +28,10 @@ from activeloc.sharing import Helpers, new_board
 NOISE_BLOCK = 64
 CERTAIN = 1.0 - 1e-9
 N_ACTIONS = len(ACTIONS.commands)
-SHARES = 4
+SHARES = 2
 """Shares of the work for each thread: one that is late leaves them to the others."""
+NO_CLOCK = np.zeros((0, 1), dtype=np.float32)
+NO_VIEW = np.zeros((0, 0, 0, 0), dtype=np.float32)
 
 __all__ = [
     "MazeConfig",
@@ -63,16 +65,19 @@ class MazeEpisodes:
         look = config.observation
         self.view = EgocentricView(self.belief, look.radius) if look.view else None
         self.names = ["maze"] * n_robots
-        self._maps = np.zeros(self.lattice.free.shape, dtype=np.float32)
+        shapes = look.shapes(config.size)
+        self._shapes = {name: (n_robots, *shape) for name, shape in shapes.items()}
         self._everyone = np.arange(n_robots)
         self._started = np.zeros(n_robots, dtype=np.bool_)
+        self._all_started = False
         self._rngs: list[np.random.Generator | None] = [None] * n_robots
         self._uniforms = np.zeros((n_robots, NOISE_BLOCK, 2))
         confidence = min(config.task.confidence, CERTAIN)
-        self._batch = _batch_of(self.lattice, self.belief, self.view, confidence)
+        doubt = float(self._is_doubt)
+        self._batch = new_batch(self.lattice, self.belief, self.view, confidence, doubt)
         self.steps = self._batch.steps
         helpers = min(threads, n_robots) - 1
-        self._shares = min(n_robots, SHARES * threads) if helpers else 1
+        self._shares = min(SHARES, -(-n_robots // (helpers + 1))) if helpers else 1
         self._board = new_board(0)
         work = partial(kernels.help_out, self._batch, self._shares)
         self._helpers = Helpers(helpers, work) if helpers else None
@@ -82,12 +87,13 @@ class MazeEpisodes:
         if self._helpers is not None:
             self._helpers.close()
 
-    def _run(self, order: int, active: NDArray[np.bool_]) -> None:
-        """Let all threads carry out an order for the active robots ``(B,)``."""
+    def _run(self, order: int, active: NDArray[np.bool_] | None = None) -> None:
+        """Let all threads carry out an order, for the active robots ``(B,)`` if it is for some."""
         self._batch.order[0] = order
-        self._batch.active[:] = active
+        if active is not None:
+            self._batch.active[:] = active
         board = self._board if self._helpers is None else self._helpers.call()
-        kernels.lead(self._batch, board, self._shares)
+        kernels.run(self._batch, board, self._shares)
 
     def demand_started(self, robots: NDArray[np.bool_] | None = None) -> None:
         """Refuse to go on while one of some robots ``(B,)``, or of all, has no episode.
@@ -95,6 +101,8 @@ class MazeEpisodes:
         Raises:
             ActionError: With the first that has none.
         """
+        if self._all_started:
+            return
         idle = ~self._started if robots is None else robots & ~self._started
         if idle.any():
             self._demand_started(int(idle.argmax()))
@@ -168,12 +176,12 @@ class MazeEpisodes:
         luck = np.empty((len(robots), 2))
         for row, rng in zip(luck, rngs, strict=True):
             rng.random(out=row)
-        batch.free[robots], self._maps[robots] = free, free
-        batch.luck[robots], batch.pose[:] = luck, pose
+        batch.free[robots], batch.luck[robots], batch.pose[:] = free, luck, pose
         active = np.zeros(self.n_robots, dtype=np.bool_)
         active[robots] = True
         self._run(kernels.START, active)
         self._started |= active
+        self._all_started = bool(self._started.all())
         for robot, rng, name in zip(robots, rngs, names, strict=True):
             self._rngs[robot], self.names[robot] = rng, name
 
@@ -206,8 +214,7 @@ class MazeEpisodes:
             raise ActionError(f"actions must be {self.n_robots}, one a robot; got {actions!r}")
         whole = given.ndim == 1 and given.dtype.kind in "iu"
         checked = given.astype(np.int64) if whole else np.full(1, -1)
-        # A number below zero is a very large one without its sign.
-        if checked.view(np.uint64).max() >= N_ACTIONS:
+        if not kernels.are_within(checked, N_ACTIONS):
             raise ActionError(f"actions must be integers in [0, {N_ACTIONS - 1}]; got {actions!r}")
         return checked
 
@@ -245,24 +252,29 @@ class MazeEpisodes:
 
     def ends(self) -> NDArray[np.bool_]:
         """Whether each robot's episode is over ``(B,)``; see :class:`MazeTask`."""
-        return self._is_doubt & (self.belief.largest > CERTAIN)
+        if not self._is_doubt:
+            return np.zeros(self.n_robots, dtype=np.bool_)
+        return self.belief.largest > CERTAIN
 
     def rewards(self) -> NDArray[np.float64]:
-        """Of each robot's last step ``(B,)``; see :class:`MazeTask`."""
-        return self.belief.largest - float(self._is_doubt)
+        """Of each robot's last step ``(B,)``, 0 before the first; see :class:`MazeTask`."""
+        return self._batch.scores[5].copy()
 
     def entropy_fraction(self, robot: int) -> float:
         """Entropy of a robot's belief as a fraction of the uniform belief's."""
         return float(self._batch.scores[1, robot])
 
-    def observations(self) -> dict[str, NDArray[Any]]:
-        """Those of all robots: see :func:`activeloc.envs.egocentric.observe_mazes`."""
-        clock = self.steps if self.config.observation.time else None
-        batch = self._batch
-        view = None if self.view is None else batch.views
-        return observe_mazes(self.belief.planes(), self._maps, view, batch.reading, clock)
+    def observations(self) -> dict[str, NDArray[np.float32]]:
+        """Those of all robots, new; see :class:`activeloc.envs.egocentric.MazeObservation`."""
+        drawn = {name: np.empty(shape, np.float32) for name, shape in self._shapes.items()}
+        kernels.aim(
+            self._batch.shown, drawn["belief"], drawn["map"], drawn["depth"],
+            drawn.get("time", NO_CLOCK), drawn.get("view", NO_VIEW),
+        )  # fmt: skip
+        self._run(kernels.SHOW)
+        return drawn
 
-    def observation(self, robot: int) -> dict[str, NDArray[Any]]:
+    def observation(self, robot: int) -> dict[str, NDArray[np.float32]]:
         """Of one robot: new arrays."""
         self._demand_started(robot)
         return {name: value[robot].copy() for name, value in self.observations().items()}
@@ -278,7 +290,7 @@ class MazeEpisodes:
         ``impossible`` readings; ``depth`` [cell] that was read, and the reward's one term.
         """
         batch = self._batch
-        scores, verdict, counts = batch.scores.copy(), batch.verdict.copy(), batch.counts.copy()
+        scores, verdict, counts = batch.scores.copy(), batch.verdict.T.copy(), batch.counts.copy()
         return {
             "entropy": scores[0],
             "entropy_fraction": scores[1],
@@ -291,42 +303,10 @@ class MazeEpisodes:
             "success_step": counts[0],
             "impossible": counts[1],
             "depth": counts[2],
-            f"reward_{self.config.task.reward}": np.where(self.steps > 0, self.rewards(), 0.0),
+            f"reward_{self.config.task.reward}": scores[5],
         }
 
     def info(self, robot: int) -> dict[str, Any]:
         """Of one robot, as plain numbers."""
         self._demand_started(robot)
         return {name: value[robot].item() for name, value in self.infos().items()}
-
-
-def _batch_of(
-    lattice: Lattice, belief: LatticeBelief, view: EgocentricView | None, confidence: float
-) -> kernels.Batch:
-    """Everything about B robots that have not begun, as kernels want it."""
-    n, size = lattice.n_robots, lattice.size
-    side = 0 if view is None else 2 * view.radius + 1
-    return kernels.Batch(
-        lattice.free, lattice.n_cells, lattice.cells, lattice.index, lattice.depth,
-        lattice.successor, lattice.target, lattice.steps, lattice.p_step,
-        lattice.sensor.confusion, lattice.p,
-        belief.bel, belief.live, belief.n_live, belief.impossible, belief.largest,
-        belief.likeliest, belief.entropy,
-        order=np.zeros(1, dtype=np.int64),
-        active=np.zeros(n, dtype=np.bool_),
-        actions=np.zeros(n, dtype=np.int64),
-        uniforms=np.zeros((n, 2)),
-        luck=np.zeros((n, 2)),
-        pose=np.zeros(3, dtype=np.int64),
-        confidence=np.array([confidence]),
-        steps=np.zeros(n, dtype=np.int64),
-        state=np.zeros(n, dtype=np.int32),
-        reading=np.zeros(n, dtype=np.int32),
-        scores=np.zeros((5, n)),
-        verdict=np.zeros((3, n), dtype=np.bool_),
-        counts=np.zeros((3, n), dtype=np.int64),
-        size=np.array([size]),
-        views=np.zeros((n if view is not None else 0, PLANES, side, side), dtype=np.float32),
-        view_free=np.zeros((0, 4, 0), dtype=np.float32) if view is None else view.free,
-        view_readings=np.zeros((0, 4, 0), dtype=np.uint64) if view is None else view.readings,
-    )  # fmt: skip

@@ -1,4 +1,4 @@
-"""A step and a start of many robots in mazes, one kernel call each, shared by threads or not.
+"""Steps, starts and observations of many robots in mazes, one kernel call each, shared by threads.
 
 The kernels here only put others in order: those of :mod:`activeloc.beliefs.lattice_kernels` move
 the robots, those of :mod:`activeloc.beliefs.lattice_filter` follow their beliefs. Robots are
@@ -7,125 +7,89 @@ independent of each other; a share of the work is a range of them.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
-from numba import njit
+from numba import njit, typeof, types
+from numba.np.numpy_support import carray
 from numpy.typing import NDArray
 
 from activeloc import sharing
 from activeloc.beliefs import lattice_filter, lattice_kernels
-from activeloc.beliefs.egocentric import draw_views, turn_mazes
+from activeloc.beliefs.egocentric import PLANES, draw_views, turn_mazes
+from activeloc.envs.egocentric import FAR, LONG
+from activeloc.envs.maze_batch import Batch
 
-STEP, START = 0, 1
+STEP, START, SHOW = 0, 1, 2
 STAY = 3
+BELIEF, MAP, DEPTH, TIME, VIEW = range(5)
 
 
-class Batch(NamedTuple):
-    """All that B robots in mazes are made of: arrays that stay where they are, and are overwritten.
-
-    Attributes:
-        free: See :class:`activeloc.beliefs.lattice.Lattice` for these eleven.
-        n_cells: .
-        cells: .
-        index_of: Its ``index``.
-        depth: .
-        successor: .
-        target: .
-        steps_of: Its ``steps``.
-        p_step: .
-        confusion: Of its sensor.
-        p: .
-        bel: See :class:`activeloc.beliefs.lattice.LatticeBelief` for these seven.
-        live: .
-        n_live: .
-        impossible: .
-        largest: .
-        likeliest: .
-        entropy: .
-        order: ``(1,)``; what is to be done: ``STEP`` or ``START``.
-        active: ``(B,)``; to whom.
-        actions: ``(B,)`` of 0, 1, 2.
-        uniforms: ``(B, 2)`` in [0, 1): noise of the step and of the reading.
-        luck: ``(B, 2)`` in [0, 1): where a robot starts, and its first reading's noise.
-        pose: ``(3,)``; row, column and heading to start at; negative to be drawn.
-        confidence: ``(1,)``; a belief is sure above it.
-        steps: ``(B,)``; taken.
-        state: ``(B,)``; where the robots are.
-        reading: ``(B,)``; last depth read, less one.
-        scores: ``(5, B)``; entropy [nat], and over the uniform belief's; the largest probability;
-            of the state that has it: distance to the truth [cell] and angle [rad].
-        verdict: ``(3, B)``; sure and right, the most likely state is true, sure and wrong.
-        counts: ``(3, B)``; since when it has been sure and right, or -1; impossible readings; the
-            last depth read [cell].
-        size: ``(1,)``; m, for the views.
-        views: ``(B, 5, s, s)``, or ``(0, 5, 0, 0)`` for none.
-        view_free: See :class:`activeloc.beliefs.egocentric.EgocentricView`.
-        view_readings: .
-    """
-
-    free: NDArray[np.bool_]
-    n_cells: NDArray[np.int32]
-    cells: NDArray[np.int32]
-    index_of: NDArray[np.int32]
-    depth: NDArray[np.int32]
-    successor: NDArray[np.int16]
-    target: NDArray[np.int32]
-    steps_of: NDArray[np.int64]
-    p_step: NDArray[np.float64]
-    confusion: NDArray[np.float64]
-    p: NDArray[np.float64]
-    bel: NDArray[np.float64]
-    live: NDArray[np.int32]
-    n_live: NDArray[np.int32]
-    impossible: NDArray[np.int32]
-    largest: NDArray[np.float64]
-    likeliest: NDArray[np.int32]
-    entropy: NDArray[np.float64]
-    order: NDArray[np.int64]
-    active: NDArray[np.bool_]
-    actions: NDArray[np.int64]
-    uniforms: NDArray[np.float64]
-    luck: NDArray[np.float64]
-    pose: NDArray[np.int64]
-    confidence: NDArray[np.float64]
-    steps: NDArray[np.int64]
-    state: NDArray[np.int32]
-    reading: NDArray[np.int32]
-    scores: NDArray[np.float64]
-    verdict: NDArray[np.bool_]
-    counts: NDArray[np.int64]
-    size: NDArray[np.int64]
-    views: NDArray[np.float32]
-    view_free: NDArray[np.float32]
-    view_readings: NDArray[np.uint64]
+type_of: Any = typeof  # Untyped, to the type checkers.
+_compiled: list[Callable[[Batch, NDArray[np.int64], int], None]] = []
 
 
 @njit(cache=True, nogil=True)
-def lead(batch: Batch, board: NDArray[np.int64], n_shares: int) -> None:
+def lead(batch: Batch, board: NDArray[np.int64], n_each: int) -> None:
     """Carry out the order for all robots, alone or with helpers that take some of the shares."""
-    n = batch.active.shape[0]
-    sharing.publish(board, n_shares)
-    while True:
-        share = sharing.take(board)
-        if share < 0:
-            break
-        i = share % n_shares
-        carry_out(batch, i * n // n_shares, (i + 1) * n // n_shares)
-        sharing.finish(board)
+    sharing.publish(board, n_each)
+    while take_part(batch, board, 0, n_each):
+        pass
     sharing.wait_for_others(board)
 
 
+def run(batch: Batch, board: NDArray[np.int64], n_each: int) -> None:
+    """:func:`lead`, compiled: its types are always the same, and to ask takes as long as a step."""
+    if not _compiled:
+        _compiled.append(lead.compile((type_of(batch), type_of(board), types.intp)))
+    _compiled[0](batch, board, n_each)
+
+
 @njit(cache=True, nogil=True)
-def help_out(batch: Batch, n_shares: int, board: NDArray[np.int64], helper: int) -> None:
+def are_within(numbers: NDArray[np.int64], n: int) -> bool:
+    """Whether all are in 0 ... n - 1."""
+    n_within = 0
+    for number in numbers:
+        n_within += 0 <= number < n
+    return n_within == numbers.shape[0]
+
+
+@njit(cache=True, nogil=True)
+def aim(
+    shown: NDArray[np.int64],
+    belief: NDArray[np.float32],
+    maps: NDArray[np.float32],
+    depth: NDArray[np.float32],
+    time: NDArray[np.float32],
+    view: NDArray[np.float32],
+) -> None:
+    """Note where observations are to be drawn; arrays of no size are not."""
+    shown[BELIEF], shown[MAP], shown[DEPTH] = (
+        belief.ctypes.data, maps.ctypes.data, depth.ctypes.data,
+    )  # fmt: skip
+    shown[TIME] = time.ctypes.data if time.size > 0 else 0
+    shown[VIEW] = view.ctypes.data if view.size > 0 else 0
+
+
+@njit(cache=True, nogil=True)
+def take_part(batch: Batch, board: NDArray[np.int64], thread: int, n_each: int) -> bool:
+    """One share of the work, if one is left."""
+    share = sharing.take(board, thread, n_each)
+    if share < 0:
+        return False
+    n, n_shares = batch.active.shape[0], n_each * sharing.n_threads(board)
+    carry_out(batch, share * n // n_shares, (share + 1) * n // n_shares)
+    sharing.finish(board)
+    return True
+
+
+@njit(cache=True, nogil=True)
+def help_out(batch: Batch, n_each: int, board: NDArray[np.int64], helper: int) -> None:
     """A helper's part in :func:`lead`, again and again until nothing comes."""
-    n, idle = batch.active.shape[0], 0
+    idle = 0
     while True:
-        share = sharing.take(board)
-        if share >= 0:
-            i = share % n_shares
-            carry_out(batch, i * n // n_shares, (i + 1) * n // n_shares)
-            sharing.finish(board)
+        if take_part(batch, board, helper, n_each):
             idle = 0
         elif sharing.is_worth_waiting(board, helper, idle):
             idle += 1
@@ -135,7 +99,10 @@ def help_out(batch: Batch, n_shares: int, board: NDArray[np.int64], helper: int)
 
 @njit(cache=True, nogil=True)
 def carry_out(batch: Batch, first: int, last: int) -> None:
-    """The order, for the active ones of a range of robots."""
+    """The order, for the active ones of a range of robots; all of them are shown."""
+    if batch.order[0] == SHOW:
+        show(batch, first, last)
+        return
     if batch.order[0] == START:
         start(batch, first, last)
     else:
@@ -146,8 +113,6 @@ def carry_out(batch: Batch, first: int, last: int) -> None:
         batch.largest[first:last], batch.likeliest[first:last], batch.entropy[first:last],
     )  # fmt: skip
     hold_against_truth(batch, first, last)
-    if batch.views.shape[0] > 0:
-        draw(batch, first, last)
 
 
 @njit(cache=True, nogil=True)
@@ -201,7 +166,7 @@ def start(batch: Batch, first: int, last: int) -> None:
         some, reading, n_cells, depth, batch.p, batch.bel[first:last], batch.live[first:last],
         batch.n_live[first:last],
     )  # fmt: skip
-    if batch.views.shape[0] > 0:
+    if batch.view_free.shape[0] > 0:
         turn_mazes(
             some, batch.size[0], n_cells, cells, depth, batch.view_free[first:last],
             batch.view_readings[first:last],
@@ -209,17 +174,33 @@ def start(batch: Batch, first: int, last: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def draw(batch: Batch, first: int, last: int) -> None:
-    """The views of the active robots."""
+def show(batch: Batch, first: int, last: int) -> None:
+    """Draw the observations: see :class:`activeloc.envs.egocentric.MazeObservation`."""
+    n, m = batch.free.shape[:2]
+    bel, live, n_live = batch.bel[first:last], batch.live[first:last], batch.n_live[first:last]
+    largest, cells = batch.largest[first:last], batch.cells[first:last]
+    planes = carray(sharing.floats_at(batch.shown[BELIEF]), (n, 4, m, m))
+    lattice_filter.picture(bel, live, n_live, cells, largest, planes[first:last])
+    maps = carray(sharing.floats_at(batch.shown[MAP]), (n, m * m))
+    free = batch.free[first:last].reshape(last - first, m * m)
+    for i in range(last - first):
+        for place in range(m * m):
+            maps[first + i, place] = np.float32(free[i, place])
+    depth = carray(sharing.floats_at(batch.shown[DEPTH]), (n,))
     for b in range(first, last):
-        if batch.active[b]:
-            one = slice(b, b + 1)
-            batch.views[b] = 0.0
-            draw_views(
-                batch.size[0], batch.bel[one], batch.live[one], batch.n_live[one],
-                batch.largest[one], batch.cells[one], batch.view_free[one],
-                batch.view_readings[one], batch.views[one],
-            )  # fmt: skip
+        depth[b] = np.float32(min(batch.reading[b] + 1, FAR)) / np.float32(FAR)
+    if batch.shown[TIME] != 0:
+        time = carray(sharing.floats_at(batch.shown[TIME]), (n,))
+        for b in range(first, last):
+            time[b] = np.float32(min(batch.steps[b], LONG)) / np.float32(LONG)
+    if batch.shown[VIEW] != 0:
+        side = 2 * batch.radius[0] + 1
+        views = carray(sharing.floats_at(batch.shown[VIEW]), (n, PLANES, side, side))
+        views[first:last] = 0.0
+        draw_views(
+            batch.size[0], bel, live, n_live, largest, cells, batch.view_free[first:last],
+            batch.view_readings[first:last], views[first:last],
+        )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
@@ -237,11 +218,12 @@ def hold_against_truth(batch: Batch, first: int, last: int) -> None:
         scores[2, b] = batch.largest[b]
         scores[3, b] = np.hypot(here[0] - there[0], here[1] - there[1])
         scores[4, b] = min(quarters, 4 - quarters) * (0.5 * np.pi)
+        scores[5, b] = batch.largest[b] - batch.doubt[0] if batch.steps[b] > 0 else 0.0
         sure, is_true = batch.largest[b] > batch.confidence[0], truth == guess
-        verdict[0, b] = sure and is_true
-        verdict[1, b] = is_true
-        verdict[2, b] = sure and not is_true
-        if not verdict[0, b]:
+        verdict[b, 0] = sure and is_true
+        verdict[b, 1] = is_true
+        verdict[b, 2] = sure and not is_true
+        if not verdict[b, 0]:
             counts[0, b] = -1
         elif counts[0, b] < 0:
             counts[0, b] = batch.steps[b]

@@ -71,10 +71,12 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         if max_episode_steps is not None:
             checks.integer("max_episode_steps", max_episode_steps, 1, 2**31)
         self.max_episode_steps = max_episode_steps
+        self._limit = np.iinfo(np.int64).max if max_episode_steps is None else max_episode_steps
         self.config = configure(settings)
         self._episodes = episodes_of(self.config, num_envs, threads)
         self._rngs = [seeding.np_random()[0] for _ in range(num_envs)]
         self._done = np.zeros(num_envs, dtype=np.bool_)
+        self._everyone = np.ones(num_envs, dtype=np.bool_)
         self.single_action_space = self.config.actions.space
         self.single_observation_space = observation_space(self.config)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -139,11 +141,12 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
             ActionError: If there is not one action for each robot, or one is not in the space;
                 nothing has changed then.
         """
-        again = self._done.copy()
-        rewards, terminated = self._play(actions, again)
-        truncated = ~again & (self._episodes.steps >= self._limit)
+        rewards, terminated = self._play(actions, self._done)
+        # Episodes that have just begun have no steps.
+        truncated = self._episodes.steps >= self._limit
         self._done = terminated | truncated
-        if self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP and self._done.any():
+        same_step = self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+        if same_step and np.count_nonzero(self._done):
             return self._reset_done(rewards, terminated, truncated)
         return self._episodes.observations(), rewards, terminated, truncated, self._infos()
 
@@ -162,10 +165,11 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """One step of all robots but those whose next episode starts; rewards and ends."""
         checked = self._episodes.checked_actions(actions)
-        if not again.any():
+        n_again = np.count_nonzero(again)
+        if n_again == 0:
             self._episodes.step_all(checked, ~again)
             return self._episodes.rewards(), self._episodes.ends()
-        if not again.all():
+        if n_again < self.num_envs:
             self._episodes.step_all(checked, ~again)
         self._start(again)
         return np.where(again, 0.0, self._episodes.rewards()), self._episodes.ends() & ~again
@@ -190,13 +194,9 @@ class LocalizationVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         self._done = np.zeros(self.num_envs, dtype=np.bool_)
         return self._episodes.observations(), rewards, terminated, truncated, infos
 
-    @property
-    def _limit(self) -> float:
-        return np.inf if self.max_episode_steps is None else self.max_episode_steps
-
     def _infos(self, mask: NDArray[np.bool_] | None = None) -> dict[str, Any]:
         """The infos as arrays, with a ``_key`` mask of the robots that each is given for."""
-        given = np.ones(self.num_envs, dtype=np.bool_) if mask is None else mask.copy()
+        given = self._everyone.copy() if mask is None else mask.copy()
         infos: dict[str, Any] = {}
         for key, values in self._episodes.infos().items():
             infos[key] = values if mask is None else np.where(given, values, np.zeros_like(values))

@@ -223,7 +223,7 @@ class LatticeBelief:
     def planes(self) -> NDArray[np.float32]:
         """Pictures of p / max p in the maze's frame: new ``(B, 4, m, m)``."""
         size = self.lattice.size
-        out = np.zeros((self.lattice.n_robots, 4, size, size), dtype=np.float32)
+        out = np.empty((self.lattice.n_robots, 4, size, size), dtype=np.float32)
         filter_kernels.picture(
             self.bel, self.live, self.n_live, self.lattice.cells, self.largest, out
         )

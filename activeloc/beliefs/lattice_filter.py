@@ -292,9 +292,10 @@ def picture(
         n_live: ``(B,)``.
         cells: ``(B, C, 2)``.
         largest: ``(B,)``.
-        out: ``(B, 4, m, m)``, zeros, overwritten where there is mass.
+        out: ``(B, 4, m, m)``, overwritten.
     """
     for b in range(out.shape[0]):
+        out[b] = 0.0
         for i in range(n_live[b]):
             c = live[b, i]
             row, col = cells[b, c, 0], cells[b, c, 1]

@@ -34,15 +34,16 @@ def survey(
         first: Shortest step [cell].
         successor: ``(C, 4, 3)``, overwritten with the states that the actions mean to lead to.
     """
+    # Mazes have no pattern that a branch could be foretold by: there is none in what follows.
     size = free.shape[0]
     n = 0
-    for row in range(size):
-        for col in range(size):
-            index[row, col] = -1
-            if free[row, col]:
-                cells[n, 0], cells[n, 1] = row, col
-                index[row, col] = n
-                n += 1
+    index[0], index[-1] = -1, -1
+    for row in range(1, size - 1):
+        index[row, 0], index[row, -1] = -1, -1
+        for col in range(1, size - 1):
+            cells[n, 0], cells[n, 1] = row, col
+            index[row, col] = n if free[row, col] else -1
+            n += free[row, col]
     n_steps = target.shape[0] // (4 * cells.shape[0])
     at = index.ravel()
     # Cells ascend by row and column, so the neighbour that a depth is counted from is known already
@@ -51,17 +52,17 @@ def survey(
     for k in range(4):
         ahead_by = ((k == 1) - (k == 3)) * size + (k == 0) - (k == 2)
         for i in range(n):
-            c = np.uint64(i if k >= 2 else n - 1 - i)
+            cell = i if k >= 2 else n - 1 - i
+            c, state = np.uint64(cell), 4 * cell
             here = cells[c, 0] * size + cells[c, 1]
             ahead = at[np.uint64(here + ahead_by)]
-            reach = 0
-            if ahead >= 0:
-                reach = depth[np.uint64(ahead), k] + 1
+            goes_on = ahead >= 0
+            beyond = ahead if goes_on else 0
+            reach = (depth[np.uint64(beyond), k] + 1) * goes_on
             depth[c, k] = reach
-            state = np.int64(4 * c)
             successor[c, k, LEFT] = state + ((k + 1) & 3)
             successor[c, k, RIGHT] = state + ((k + 3) & 3)
-            successor[c, k, FORWARD] = 4 * ahead + k if ahead >= 0 else state + k
+            successor[c, k, FORWARD] = 4 * (ahead if goes_on else cell) + k
             first_target = np.uint64((state + k) * n_steps)
             for j in range(n_steps):
                 there = here + min(first + j, reach) * ahead_by

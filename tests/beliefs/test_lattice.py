@@ -156,6 +156,20 @@ def test_tables_are_what_walking_finds(size, p_off):
                 np.testing.assert_array_equal(lattice.pose_of(robot, there), meant)
 
 
+def test_mazes_without_inner_walls_fill_their_tables_and_no_others():
+    lattice, free = Lattice(3, 7), np.zeros((3, 7, 7), dtype=np.bool_)
+    free[:, 1:-1, 1:-1] = True
+    free[2, 5] = False
+    for robots in ([2], [1], [0]):
+        lattice.place(np.array(robots), free[robots])
+    assert lattice.n_cells.tolist() == [25, 25, 20]
+    for robot in range(3):
+        n = lattice.n_cells[robot]
+        np.testing.assert_array_equal(lattice.cells[robot, :n], np.argwhere(free[robot]))
+        assert (lattice.index[robot] >= 0).sum() == n
+        np.testing.assert_array_equal(lattice.index[robot][free[robot]], np.arange(n))
+
+
 def test_true_robots_move_and_read_by_the_law():
     """20,000 robots in one place go forward: how far, and what they read, by count."""
     n, free = 20_000, np.zeros((7, 7), dtype=np.bool_)

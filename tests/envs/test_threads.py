@@ -18,13 +18,13 @@ from activeloc.sharing import (
     CLOSED,
     DONE,
     LIMIT,
-    LINE,
     PATIENCE,
     Helpers,
     Pool,
     finish,
     is_worth_waiting,
     new_board,
+    place_of,
     publish,
     take,
     wait_for_others,
@@ -201,15 +201,15 @@ def test_helpers_do_what_the_caller_would_do():
     episodes = theirs._episodes
     batch, board = episodes._batch, new_board(2)
 
-    def helpers_only(batch, _, n_shares):
-        publish(board, n_shares)
-        help_out(batch, n_shares, board, 1)
-        assert board[DONE] == board[LIMIT]
-        assert board[ASLEEP + LINE] >= 1
+    def helpers_only(batch, _, n_each):
+        publish(board, n_each)
+        help_out(batch, n_each, board, 2)
+        assert board[DONE] == 3 * board[LIMIT]
+        assert board[place_of(2, ASLEEP)] >= 1
 
     with pytest.MonkeyPatch.context() as patch:
         expected = played(ours)
-        patch.setattr(maze_kernels, "lead", helpers_only)
+        patch.setattr(maze_kernels, "run", helpers_only)
         assert played(theirs) == expected
     assert board[LIMIT] >= 15 * episodes._shares
     assert (batch.steps > 0).any()
@@ -234,22 +234,49 @@ def test_the_caller_compiles_what_its_helpers_do():
 
 
 def test_every_share_is_taken_once_whoever_takes_it():
-    """Many threads on one board: no share is lost or done twice."""
-    board, taken = new_board(4), [[] for _ in range(4)]
-    publish(board, 2000)
+    """Many threads on one board, some not there: no share is lost or done twice, time and again."""
+    for there in ((0, 1, 2, 3), (0, 2), (3,), (0,)):
+        board, taken = new_board(3), {i: [] for i in there}
 
-    def work(i):
-        while (share := take(board)) >= 0:
-            taken[i].append(share)
-            finish(board)
+        def work(i, board=board, taken=taken):
+            while (share := take(board, i, 500)) >= 0:
+                taken[i].append(share)
+                finish(board)
 
-    callers = [threading.Thread(target=work, args=(i,)) for i in range(4)]
-    for one in callers:
-        one.start()
-    wait_for_others(board)
-    for one in callers:
-        one.join()
-    assert sorted(share for one in taken for share in one) == list(range(2000))
+        for _ in range(3):
+            publish(board, 500)
+            callers = [threading.Thread(target=work, args=(i,)) for i in there]
+            for one in callers:
+                one.start()
+            wait_for_others(board)
+            for one in callers:
+                one.join()
+            assert sorted(share for one in taken.values() for share in one) == list(range(2000))
+            for one in taken.values():
+                one.clear()
+
+
+def test_a_thread_takes_its_own_shares_first_the_same_ones_each_time():
+    board = new_board(2)
+    for _ in range(3):
+        publish(board, 2)
+        assert [take(board, 1, 2) for _ in range(3)] == [2, 3, 4]
+        assert take(board, 0, 2) == 0
+        assert [take(board, 2, 2) for _ in range(3)] == [5, 1, -1]
+
+
+def test_observations_are_new_at_every_step():
+    """They are drawn by all threads into arrays that nobody has seen before."""
+    env = make("maze", 2)
+    first = env.reset(seed=1)[0]
+    kept = {name: value.copy() for name, value in first.items()}
+    second = env.step(np.zeros(5, dtype=int))[0]
+    for name, value in first.items():
+        np.testing.assert_array_equal(value, kept[name])
+        assert not np.shares_memory(value, second[name])
+        assert value.flags.c_contiguous
+        assert value.flags.owndata
+    env.close()
 
 
 def test_what_a_task_raises_is_raised_when_nobody_works_any_more():
