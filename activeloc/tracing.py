@@ -2,9 +2,9 @@
 
 Beams of one direction that start at the same place within a cell cross the same cells at the same
 ranges, wherever they start. So the path of one is traced, and the map is laid under all of them
-together, crossed cell by crossed cell, from the farthest to the nearest: what is blocked overwrites
-what was beyond. That is one pass over contiguous bytes per crossed cell instead of a ray per start,
-and agrees with :func:`activeloc.raycast.cast_ray` to the bit, corners included.
+together, crossed cell by crossed cell: the least range at which it is blocked counts. That is one
+pass over contiguous bytes per crossed cell instead of a ray per start, and agrees with
+:func:`activeloc.raycast.cast_ray` to the bit, corners included.
 
 Source: the traversal is Amanatides & Woo, "A fast voxel traversal algorithm for ray tracing", 1987.
 """
@@ -83,7 +83,7 @@ def lay(
     classes: NDArray[np.uint8],
     out: NDArray[np.uint8],
 ) -> None:
-    """Overwrite ``out`` with the class of each crossed cell that is blocked, one after another.
+    """Lower ``out`` to the least class of a crossed cell that is blocked.
 
     Args:
         free: ``(M,)``; all bits set where the map is free, none where it is blocked.
@@ -92,16 +92,22 @@ def lay(
         out: ``(places,)``.
     """
     n = crossed.shape[0]
-    for i in range(0, n - n % 4, 4):
-        a, b = free[crossed[i] :], free[crossed[i + 1] :]
-        c, d = free[crossed[i + 2] :], free[crossed[i + 3] :]
+    for i in range(0, n - n % 8, 8):
+        a, b, c, d = (
+            free[crossed[i] :], free[crossed[i + 1] :], free[crossed[i + 2] :],
+            free[crossed[i + 3] :],
+        )  # fmt: skip
+        e, f, g, h = (
+            free[crossed[i + 4] :], free[crossed[i + 5] :], free[crossed[i + 6] :],
+            free[crossed[i + 7] :],
+        )  # fmt: skip
         ca, cb, cc, cd = classes[i], classes[i + 1], classes[i + 2], classes[i + 3]
+        ce, cf, cg, ch = classes[i + 4], classes[i + 5], classes[i + 6], classes[i + 7]
         for p in range(out.shape[0]):
-            value = ((out[p] ^ ca) & a[p]) ^ ca
-            value = ((value ^ cb) & b[p]) ^ cb
-            value = ((value ^ cc) & c[p]) ^ cc
-            out[p] = ((value ^ cd) & d[p]) ^ cd
-    for i in range(n - n % 4, n):
+            ab, cd_ = min(a[p] | ca, b[p] | cb), min(c[p] | cc, d[p] | cd)
+            ef, gh = min(e[p] | ce, f[p] | cf), min(g[p] | cg, h[p] | ch)
+            out[p] = min(out[p], min(min(ab, cd_), min(ef, gh)))
+    for i in range(n - n % 8, n):
         a, ca = free[crossed[i] :], classes[i]
         for p in range(out.shape[0]):
-            out[p] = ((out[p] ^ ca) & a[p]) ^ ca
+            out[p] = min(out[p], a[p] | ca)

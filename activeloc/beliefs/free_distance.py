@@ -2,8 +2,7 @@
 
 A *probe* is a sub-pose of a cell at a heading within a bin. Along a straight wall the probes of one
 cell are as free as those of the next, so there are far fewer sets of distances, *kinds*, than
-states. Kinds are told apart by sums of random 64-bit keys, as profiles are
-(:mod:`activeloc.beliefs.profiles`).
+states. They are told apart by 64-bit hashes.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from activeloc.beliefs.plane_layout import PlaneLayout
 from activeloc.beliefs.pose_grid import SUB, PoseGrid
-from activeloc.beliefs.profiles import room_for, slot_of
+from activeloc.beliefs.profiles import masks, room_for, slot_of
 from activeloc.beliefs.sweep import Sweep
 from activeloc.motion import MARGIN
 
@@ -104,8 +103,7 @@ class FreeDistances:
         n_cells, shape = len(grid.cells), (len(TURNS), SUB * SUB)
         keys = np.random.default_rng(0).integers(0, 2**63, (1 + len(TURNS), SUB * SUB), np.uint64)
         keys = 2 * keys + 1
-        mask = np.zeros((SUB * SUB, layout.size), dtype=np.uint8)
-        mask[:, layout.place] = np.where(grid.is_open.T, 255, 0)
+        mask = masks(grid.is_open, layout)
         which = (keys[0, :, None] * (mask > 0)).sum(axis=0, dtype=np.uint64)
         free, sums = np.empty((*shape, layout.size), dtype=np.uint8), np.empty_like(which)
         known, number = (

@@ -93,11 +93,11 @@ def _expected_range_rows(
     sweep = Sweep(grid, world, limits * (sensor.z_max / world.resolution))
     classes = np.empty((angles.shape[1], SUB * SUB, layout.size), dtype=sweep.dtype)
     row = np.zeros((len(angles), layout.size), dtype=np.int32)
-    profiles, is_open = Profiles(n_ranges + 1), np.ascontiguousarray(grid.is_open.T)
+    profiles = Profiles(n_ranges + 1, grid.is_open, layout)
     for d, across in enumerate(angles):
         for a, angle in enumerate(across):
             sweep.along(angle + sensor.cone, classes[a])
-        profiles.assign(classes, is_open, layout.place, row[d])
+        profiles.assign(classes, row[d])
     middles = (np.arange(n_ranges) + 0.5) * sensor.z_max / n_ranges
     masses = sensor.masses(np.append(middles, sensor.z_max), bins)
     return row, profiles.shares @ masses

@@ -39,42 +39,43 @@ def _sweep(
         plane: Places of a plane.
         shape: Rows and columns of the belief's cells.
         side: Map cells along a cell.
-        margin: Cells by which ``free`` is padded on each side.
+        margin: Cells by which ``free`` is padded on each side; a row's right margin is the next
+            one's left.
         lattice: ``(S, 2)`` of column and row of the sub-poses [map cell].
         angles: ``(R,)`` [rad].
         limits: ``(Q,)``; where each class but the first begins [map cell]; the longest range last.
         out: ``(S, >= rows * cols)``, overwritten.
     """
     reach, farthest = limits[limits.shape[0] - 1], limits.shape[0]
-    cols = shape[1] + 2 * margin
-    longest = 6 * (int(reach) + 4)
+    cols = shape[1] + margin
+    longest, per_row = 6 * (int(reach) + 4), shape[1]
     cells, ranges = np.empty((longest, 2), dtype=np.int32), np.empty(longest)
     crossed, classes = np.empty(longest, dtype=np.int64), np.empty(longest, dtype=out.dtype)
-    laid = np.empty((shape[0] - 1) * cols + shape[1], dtype=out.dtype)
-    for s in range(lattice.shape[0]):
-        # The middle of a map cell stays it, whatever the lattice's fractions round to.
-        col, row = int(np.floor(lattice[s, 0] + EPS)), int(np.floor(lattice[s, 1] + EPS))
-        for r in range(angles.shape[0]):
-            n = trace(
-                lattice[s, 0] - col, lattice[s, 1] - row, np.cos(angles[r]), np.sin(angles[r]),
-                reach, cells, ranges,
-            )  # fmt: skip
-            q = 0
+    laid = np.empty((shape[0] - 1) * cols + per_row, dtype=out.dtype)
+    for r in range(angles.shape[0]):
+        dx, dy, n, x_in, y_in = np.cos(angles[r]), np.sin(angles[r]), 0, -1.0, -1.0
+        for s in range(lattice.shape[0]):
+            # The middle of a map cell stays it, whatever the lattice's fractions round to.
+            col, row = int(np.floor(lattice[s, 0] + EPS)), int(np.floor(lattice[s, 1] + EPS))
+            if lattice[s, 0] - col != x_in or lattice[s, 1] - row != y_in:
+                x_in, y_in = lattice[s, 0] - col, lattice[s, 1] - row
+                n = trace(x_in, y_in, dx, dy, reach, cells, ranges)
+                for i in range(n):
+                    classes[i] = np.searchsorted(limits, ranges[i], "right")
             for i in range(n):
-                while q < farthest and limits[q] <= ranges[i]:
-                    q += 1
                 y, x = cells[i, 0] + row, cells[i, 1] + col
                 at = (margin + y // side) * cols + margin + x // side
-                crossed[n - 1 - i] = (y % side * side + x % side) * plane + at
-                classes[n - 1 - i] = q
+                crossed[i] = (y % side * side + x % side) * plane + at
             laid[:] = farthest
             lay(free, crossed[:n], classes[:n], laid)
             for y in range(shape[0]):
-                for x in range(shape[1]):
-                    z = laid[y * cols + x]
-                    if r > 0:
-                        z = min(z, out[s, y * shape[1] + x])
-                    out[s, y * shape[1] + x] = z
+                of, to = laid[y * cols :], out[s, y * per_row : (y + 1) * per_row]
+                if r == 0:
+                    for x in range(per_row):
+                        to[x] = of[x]
+                else:
+                    for x in range(per_row):
+                        to[x] = min(to[x], of[x])
 
 
 @njit(cache=True, nogil=True)
@@ -132,7 +133,7 @@ class Sweep:
     def _lay_out(self) -> None:
         (rows, cols), side = self.grid.shape, self.side
         self._margin = margin = int(np.ceil(self.limits[-1] / side)) + 2
-        shape = rows + 2 * margin, cols + 2 * margin
+        shape = rows + 2 * margin + 1, cols + margin
         padded = np.ones((shape[0] * side, shape[1] * side), dtype=np.bool_)
         height, width = self.world.blocked.shape
         padded[margin * side :, margin * side :][:height, :width] = self.world.blocked
