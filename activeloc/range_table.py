@@ -14,6 +14,7 @@ Source: Thrun, Burgard & Fox, *Probabilistic Robotics* (2005), section 6.3.4, pr
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -178,6 +179,10 @@ class RangeTable:
         laid = grid.shape[0] * (grid.shape[1] + 2.0 * self._margin)
         self._costs = LAID * directions * 1.3 * self.reach * laid
         self._is_full = False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What it has cast stays behind: whoever reads it back takes the map's shared table."""
+        return range_table, (self.grid, self.z_max, len(self.headings))
 
     def expect(self, n: int) -> None:
         """Fill the whole table if that is cheaper than n rays, which are about to be asked for."""

@@ -1,5 +1,6 @@
 """The range table against exact rays, and the kernel that reads it against the slow sum."""
 
+import pickle
 from math import pi
 
 import numpy as np
@@ -247,6 +248,16 @@ def test_a_map_has_one_table_for_each_range_and_number_of_directions():
     assert range_table(clutter(0), 1.0, 17) is not one
     assert range_table(clutter(0), 2.0, 16) is not one
     assert range_table(clutter(1), 1.0, 16) is not one
+
+
+def test_what_a_table_has_cast_is_not_pickled_with_it():
+    grid = clutter(6)
+    table = range_table(grid, 1.5, 24)
+    before = pickle.dumps(table)
+    table.levels(anywhere(grid, 50, 0), np.zeros(1))
+    assert table.table.any()
+    assert pickle.dumps(table) == before
+    assert pickle.loads(before) is table
 
 
 @pytest.mark.parametrize(

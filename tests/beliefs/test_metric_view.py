@@ -233,8 +233,9 @@ def test_both_beliefs_give_one_view_within_sampling_error():
     views = [MetricView(belief, SENSOR, 8).draw(0) for belief in beliefs_after(steps)]
     for key in ("view", "ways"):
         one, other = views[0][key][0], views[1][key][0]
-        # Two draws of 128 differ by sqrt(2 p (1 - p) / 128) at most, .0625 for p = 1/2.
-        assert np.abs(one - other).mean() < 0.05, key
+        # Two draws of 128 differ by sqrt(2 p (1 - p) / 128) at most, .0625 for p = 1/2, so by .05
+        # on average.
+        assert np.abs(one - other).mean() < 0.06, key
         assert np.abs(one - other).max() < 0.25, key
         news = np.abs(views[0][key][1:] - views[1][key][1:])
         assert news.mean() < 0.08, key

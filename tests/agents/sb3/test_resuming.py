@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from activeloc.agents.sb3 import training
 from activeloc.agents.sb3.checkpoint import latest_checkpoint, read_checkpoint
@@ -242,8 +243,9 @@ def _train_quietly(config, folder, resume):
 
 def kill_and_resume(config, folder, n_kills, seed):
     """SIGKILL at random moments; returns how many came before the run was complete."""
-    context, rng = multiprocessing.get_context("fork"), np.random.default_rng(seed)
-    killed = 0
+    # Where torch has a GPU, its threads keep a forked child from learning.
+    context = multiprocessing.get_context("spawn" if torch.cuda.is_available() else "fork")
+    rng, killed = np.random.default_rng(seed), 0
     while True:
         there = (folder / CHECKPOINTS / "latest").exists()
         child = context.Process(target=_train_quietly, args=(config, folder, there))
