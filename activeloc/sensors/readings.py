@@ -202,8 +202,8 @@ def check_scan(scan: NDArray[np.float64], sensor: RangeSensor) -> NDArray[np.flo
     n_beams = len(sensor.bearings)
     if z.ndim == 0 or z.shape[-1] != n_beams:
         raise ScanError(f"scan must have {n_beams} readings, got shape {z.shape}")
-    z[np.isposinf(z)] = sensor.z_max
-    bad = ~np.isnan(z) & ~((z >= 0.0) & (z <= sensor.z_max))
+    z[z == np.inf] = sensor.z_max
+    bad = (z < 0.0) | (z > sensor.z_max)  # NaN is neither.
     if bad.any():
         where = tuple(int(i) for i in np.argwhere(bad)[0])
         raise ScanError(
