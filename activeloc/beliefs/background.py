@@ -106,10 +106,7 @@ class Background:
         """
         key = (level, hops, floor)
         if key not in self._travels:
-            travel = self.travels.level(level, hops)
-            share = np.zeros(travel.layout.size)
-            share[travel.layout.place] = self.share
-            self._travels[key] = travel.left(share, floor)
+            self._travels[key] = self.travels.level(level, hops).left(self.share, floor)
         return self._travels[key]
 
     def masses(self, bins: CoarseBins) -> NDArray[np.float64]:

@@ -82,6 +82,26 @@ def _sort(
     return n
 
 
+@njit(cache=True, nogil=True)
+def _count_within(
+    free: NDArray[np.uint8], is_open: NDArray[np.bool_], units: int, held: NDArray[np.int32]
+) -> None:
+    """How many open probes of each kind ``(N,)`` have less than so many units free ahead.
+
+    Args:
+        free: ``(N, T S)`` in units.
+        is_open: ``(N, S)``.
+        units: Free distance that does not count.
+        held: Overwritten.
+    """
+    n_sub = is_open.shape[1]
+    for n in range(free.shape[0]):
+        held[n] = 0
+        for first in range(0, free.shape[1], n_sub):
+            for s in range(n_sub):
+                held[n] += is_open[n, s] and free[n, first + s] < units
+
+
 class FreeDistances:
     """How far the way is open from each probe.
 
@@ -126,16 +146,22 @@ class FreeDistances:
             opens.append(grid.is_open[cell[:n]])
         self.units, self.is_open = np.concatenate(units), np.concatenate(opens)
 
+    def is_free(self, units: int) -> NDArray[np.bool_]:
+        """``(N,)``; whether all sub-poses are open and so many units free ahead."""
+        is_clear: NDArray[np.bool_] = self._within(units) == 0
+        return is_clear & self._is_whole
+
     @cached_property
-    def least(self) -> NDArray[np.uint8]:
-        """``(N,)``; least of a kind's distances, 0 if a sub-pose is closed."""
-        least = self.units.min(axis=1)
-        least[~self.is_open.all(axis=1)] = 0
-        return least
+    def _is_whole(self) -> NDArray[np.bool_]:
+        result: NDArray[np.bool_] = np.all(self.is_open, axis=1)
+        return result
+
+    def _within(self, units: int) -> NDArray[np.int32]:
+        held = np.empty(len(self.units), dtype=np.int32)
+        _count_within(self.units, self.is_open, units, held)
+        return held
 
     def share_within(self, units: int) -> NDArray[np.float64]:
-        """``(N,)``; share of each kind's probes with less than so many units free ahead."""
-        is_near = (self.units < units).reshape(len(self.units), len(TURNS), -1)
-        held = (is_near & self.is_open[:, None]).sum(axis=(1, 2))
-        share: NDArray[np.float64] = held / (len(TURNS) * self.is_open.sum(axis=1))
+        """``(N,)``; share of each kind's open probes with less than so many units free ahead."""
+        share: NDArray[np.float64] = self._within(units) / (len(TURNS) * self.is_open.sum(axis=1))
         return share

@@ -72,7 +72,7 @@ class Landings:
 
     half: int
     start: NDArray[np.int64]
-    slot: NDArray[np.int64]
+    slot: NDArray[np.uint16]
     share: NDArray[np.float64]
     stencil_start: NDArray[np.int64]
     stencil_step: NDArray[np.int32]
@@ -113,7 +113,7 @@ def landings(
     mean = window.mean(axis=1)
     heading, row, col = np.nonzero(mean)
     return Landings(
-        half, start, slot, window.ravel()[np.flatnonzero(window)],
+        half, start, slot.astype(np.uint16), window.ravel()[np.flatnonzero(window)],
         np.searchsorted(heading, np.arange(headings + 1)),
         np.column_stack([row - half, col - half]).astype(np.int32),
         mean[heading, row, col].astype(np.float32),

@@ -2,22 +2,65 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from activeloc.beliefs import row_layout
 from activeloc.beliefs import travel_rows as kernels
 from activeloc.beliefs.free_distance import TURNS, UNITS, FreeDistances
 from activeloc.beliefs.landings import Landings
 from activeloc.beliefs.plane_layout import BLOCK, PlaneLayout
 from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.beliefs.profiles import room_for
-from activeloc.beliefs.travel import lay_out
 
 
+@dataclass(frozen=True, eq=False)
 class SharedRows:
     """The rows of a travel; states that have one in common refer to it by its number.
+
+    Attributes:
+        row: ``(K, C)``; of each state, -1 on open ground.
+        first: ``(R + 1,)``; entries of row r are ``first[r] : first[r + 1]`` of
+        step: ``(M,)``; from the state's place to the entry's, and
+        weight: ``(2, M)``: free, clipped. Summing to one per row.
+    """
+
+    row: NDArray[np.int32]
+    first: NDArray[np.int64]
+    step: NDArray[np.int32]
+    weight: NDArray[np.float32]
+
+    def laid_out(self, layout: PlaneLayout) -> tuple[NDArray[np.int64], NDArray[Any], NDArray[Any]]:
+        """Where the entries of each block of states start; sources and targets of all N."""
+        n = row_layout.count_entries(self.row, self.first)
+        small = np.dtype(np.uint16 if layout.size <= 2**16 else np.uint32)
+        start = np.empty(layout.headings * layout.size // BLOCK + 1, dtype=np.int64)
+        source, target = np.empty(n, small), np.empty(n, small)
+        row_layout.lay_out(self.row, layout.place, self.first, self.step, start, source, target)
+        return start, source, target
+
+    def spread(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
+        """``(N,)``; what each state's entries have of the rows' ``(M,)``."""
+        out = np.empty(row_layout.count_entries(self.row, self.first), dtype=values.dtype)
+        row_layout.spread(self.row, self.first, values, out)
+        return out
+
+    def mixed(self, floor: float) -> NDArray[np.float64]:
+        """``(M,)``; weights where ways that an obstacle cuts short count ``floor``."""
+        result: NDArray[np.float64] = self.weight[0] + floor * self.weight[1].astype(np.float64)
+        return result
+
+    def left(self, share: NDArray[np.float64], floor: float) -> float:
+        """Sum of what states that hold the share ``(C,)`` of their cell send off."""
+        mass = np.add.reduceat(self.mixed(floor), self.first[:-1])
+        return float(row_layout.expect(self.row, share, mass))
+
+
+class RowBuilder:
+    """Works the rows of a travel out, heading by heading.
 
     Args:
         grid: Cells and headings.
@@ -28,11 +71,8 @@ class SharedRows:
         is_safe: For each kind of free distances, whether all ways are open without doubt.
 
     Attributes:
-        row: ``(K, C)``; of each state, -1 on open ground.
+        rows: Of all states.
         plain: ``(K, P)``; 1 in the states on open ground.
-        first: ``(R + 1,)``; entries of row r are ``first[r] : first[r + 1]`` of
-        step: ``(M,)``; from the state's place to the entry's, and
-        weight: ``(2, M)``: free, clipped. Summing to one per row.
     """
 
     def __init__(
@@ -51,76 +91,68 @@ class SharedRows:
         n_slots, room = (2 * half + 1) ** 2, room_for(n_cells)
         self._keys = 2 * np.random.default_rng(0).integers(0, 2**63, n_slots, np.uint64) + 1
         self._known, self._number = np.empty(room, np.uint64), np.empty(room, np.int32)
-        self.row = np.empty((grid.headings, n_cells), dtype=np.int32)
+        self._stencil, self._around = (
+            np.empty(grid.shape, np.uint8),
+            np.empty(grid.shape, np.uint64),
+        )
+        self._row = np.empty((grid.headings, n_cells), dtype=np.int32)
         self.plain = np.zeros((grid.headings, self._layout.size), dtype=np.uint8)
         reach = np.array([1.0 / UNITS / grid.cell_size, length])
         turns = np.array(TURNS) * grid.bin_width
+        stops = kernels.find_stops(grid.lattice, grid.thetas, turns, reach, half)
+        ends = [kernels.ends_of(self._of(k)[1], stop, half) for k, stop in enumerate(stops)]
+        room = n_cells * max(len(slots) for slots in ends)
+        self._cell, self._first = np.empty(n_cells, np.int32), np.empty(n_cells, np.int64)
+        self._step, self._weight = np.empty(room, np.int32), np.empty((2, room), np.float32)
         firsts, steps, weights, n_rows, n = [], [], [], 0, 0
-        for k, theta in enumerate(grid.thetas):
-            stop = kernels.find_stops(grid.lattice, theta + turns, reach, half)
-            ends = kernels.ends_of(self._slots(k), stop, half)
-            cell = self._sort(k, ends, is_safe, n_rows)
-            first, step, weight = self._fill(k, cell, stop, ends, p_free)
-            firsts.append(first + n)
-            steps.append(step)
-            weights.append(weight)
-            n_rows, n = n_rows + len(cell), n + len(step)
-        self.first = np.append(np.concatenate(firsts), n)
-        self.step, self.weight = np.concatenate(steps), np.concatenate(weights, axis=1)
+        for k, stop in enumerate(stops):
+            n_new = self._sort(k, ends[k], is_safe, n_rows)
+            n_entries = self._fill(k, n_new, stop, ends[k], p_free)
+            firsts.append(self._first[:n_new] + n)
+            steps.append(self._step[:n_entries].copy())
+            weights.append(self._weight[:, :n_entries].copy())
+            n_rows, n = n_rows + n_new, n + n_entries
+        self.rows = SharedRows(
+            self._row, np.append(np.concatenate(firsts), n), np.concatenate(steps),
+            np.concatenate(weights, axis=1),
+        )  # fmt: skip
 
-    def _slots(self, k: int) -> NDArray[np.int64]:
-        """What the probes' ways of heading k land in."""
+    def _of(self, k: int) -> tuple[NDArray[np.int64], NDArray[np.uint16], NDArray[np.float64]]:
+        """Landings of heading k: where each probe's begin, slots and shares."""
         start = self._lands.start[k]
-        return self._lands.slot[start[0] : start[-1]]
+        of = slice(start[0], start[-1])
+        return start - start[0], self._lands.slot[of], self._lands.share[of]
 
     def _sort(
         self, k: int, ends: NDArray[np.int64], is_safe: NDArray[np.bool_], n_before: int
-    ) -> NDArray[np.int32]:
-        """Number the rows of heading k from ``n_before`` on; returns the first cell of each."""
-        lands, shape = self._lands, np.array(self._exists.shape) - 2 * self._lands.half
-        step = lands.stencil_step[lands.stencil_start[k] : lands.stencil_start[k + 1]]
-        stencil, around = np.empty(shape, np.uint8), np.empty(shape, np.uint64)
-        kernels.look_around(self._exists, step, ends, self._keys, stencil, around)
-        cell = np.empty(self.row.shape[1], dtype=np.int32)
-        self._known[:] = 0
-        n = kernels.sort_states(
-            self._free.kind[k], is_safe, self._layout.place, stencil.ravel(), around.ravel(),
-            self._known, self._number, n_before, self.row[k], self.plain[k], cell,
+    ) -> int:
+        """Number the rows of heading k from ``n_before`` on; returns how many there are."""
+        of = slice(*self._lands.stencil_start[k : k + 2])
+        kernels.look_around(
+            self._exists, self._lands.stencil_step[of], ends, self._keys, self._stencil,
+            self._around,
         )  # fmt: skip
-        return cell[:n]
+        self._known[:] = 0
+        n: int = kernels.sort_states(
+            self._free.kind[k], is_safe, self._layout.place, self._stencil.ravel(),
+            self._around.ravel(), self._known, self._number, n_before, self._row[k], self.plain[k],
+            self._cell,
+        )  # fmt: skip
+        return n
 
     def _fill(
         self,
         k: int,
-        cell: NDArray[np.int32],
-        stop: NDArray[np.int64],
+        n: int,
+        stop: NDArray[np.uint16],
         ends: NDArray[np.int64],
         p_free: NDArray[np.float64],
-    ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
-        """The rows of heading k that these cells have: first entries, steps, weights."""
-        lands, free = self._lands, self._free
-        start, room = lands.start[k], len(cell) * len(ends)
-        first, step = np.empty(len(cell), np.int64), np.empty(room, np.int32)
-        weight = np.empty((2, room), np.float32)
-        n = kernels.fill_rows(
+    ) -> int:
+        """Work out n rows of heading k; returns how many entries they have."""
+        free, cell = self._free, self._cell[:n]
+        n_entries: int = kernels.fill_rows(
             free.units, free.is_open, free.kind[k, cell], self._corner[cell], self._exists,
-            lands.half, start - start[0], self._slots(k), lands.share[start[0] : start[-1]], stop,
-            ends, p_free, first, step, weight,
+            self._lands.half, *self._of(k), stop, ends, p_free, self._first, self._step,
+            self._weight,
         )  # fmt: skip
-        return first, step[:n].copy(), weight[:, :n].copy()
-
-    def laid_out(
-        self,
-    ) -> tuple[NDArray[np.int64], NDArray[Any], NDArray[Any], NDArray[np.float32]]:
-        """Where each block's entries start; sources, targets and weights of all states' rows."""
-        layout = self._layout
-        n = int(np.diff(self.first)[self.row[self.row >= 0]].sum())
-        small = np.dtype(np.uint16 if layout.size <= 2**16 else np.uint32)
-        start = np.empty(layout.headings * layout.size // BLOCK + 1, dtype=np.int64)
-        source, target = np.empty(n, small), np.empty(n, small)
-        weight = np.empty((2, n), np.float32)
-        lay_out(
-            self.row, layout.place, self.first, self.step, self.weight, start, source, target,
-            weight,
-        )  # fmt: skip
-        return start, source, target, weight
+        return n_entries

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from activeloc.beliefs.profiles import slot_of
 
-LANES = 32  # Rows that are worked out side by side.
+LANES = 64  # Rows that are worked out side by side.
 
 
 @njit(cache=True, nogil=True)
@@ -36,31 +36,38 @@ def open_chance(unit: float, threshold: float, spread: float, safe: float) -> ND
 
 @njit(cache=True, nogil=True)
 def find_stops(
-    lattice: NDArray[np.float64], angles: NDArray[np.float64], reach: NDArray[np.float64], half: int
-) -> NDArray[np.int64]:
-    """``(T S, F)``; slot where each probe stands after its free distance [unit] or the travel.
+    lattice: NDArray[np.float64],
+    thetas: NDArray[np.float64],
+    turns: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    half: int,
+) -> NDArray[np.uint16]:
+    """``(K, T S, F)``; slot where each probe stands after its free distance [unit] or the travel.
 
     Args:
         lattice: ``(S, 2)`` of offsets of the sub-poses [cell].
-        angles: ``(T,)``; headings of the probes.
+        thetas: ``(K,)``.
+        turns: ``(T,)``; headings of the probes, relative to these.
         reach: Length of a unit, and of the travel [cell]; F is as many units as that and one.
         half: R.
     """
-    longest = min(256, int(np.ceil(reach[1] / reach[0])) + 1)
-    stop = np.empty((angles.shape[0] * lattice.shape[0], longest), dtype=np.int64)
-    for i in range(stop.shape[0]):
-        s, angle = i % lattice.shape[0], angles[i // lattice.shape[0]]
-        dx, dy = np.cos(angle), np.sin(angle)
-        for f in range(longest):
-            z = min(f * reach[0], reach[1])
-            row, col = int(np.floor(lattice[s, 1] + z * dy)), int(np.floor(lattice[s, 0] + z * dx))
-            stop[i, f] = (row + half) * (2 * half + 1) + col + half
+    longest, n_sub = min(256, int(np.ceil(reach[1] / reach[0])) + 1), lattice.shape[0]
+    stop = np.empty((thetas.shape[0], turns.shape[0] * n_sub, longest), dtype=np.uint16)
+    for k in range(thetas.shape[0]):
+        for t in range(turns.shape[0]):
+            dx, dy = np.cos(thetas[k] + turns[t]), np.sin(thetas[k] + turns[t])
+            for s in range(n_sub):
+                for f in range(longest):
+                    z = min(f * reach[0], reach[1])
+                    row = int(np.floor(lattice[s, 1] + z * dy)) + half
+                    col = int(np.floor(lattice[s, 0] + z * dx)) + half
+                    stop[k, t * n_sub + s, f] = row * (2 * half + 1) + col
     return stop
 
 
 @njit(cache=True, nogil=True)
-def ends_of(slot: NDArray[np.int64], stop: NDArray[np.int64], half: int) -> NDArray[np.int64]:
-    """Slots that a way may end in, ascending."""
+def ends_of(slot: NDArray[np.uint16], stop: NDArray[np.uint16], half: int) -> NDArray[np.int64]:
+    """Slots that a way of one heading may end in, ascending; see :func:`fill_rows`."""
     is_end = np.zeros((2 * half + 1) ** 2, dtype=np.bool_)
     is_end[is_end.shape[0] // 2] = True
     for e in range(slot.shape[0]):
@@ -158,7 +165,7 @@ def _add_probe(
     length: NDArray[np.uint8],
     q: NDArray[np.float64],
     p_free: NDArray[np.float64],
-    slots: NDArray[np.int64],
+    slots: NDArray[np.uint16],
     shares: NDArray[np.float64],
     there: NDArray[np.float64],
     ways: NDArray[np.float64],
@@ -206,9 +213,9 @@ def fill_rows(
     exists: NDArray[np.uint8],
     half: int,
     start: NDArray[np.int64],
-    slot: NDArray[np.int64],
+    slot: NDArray[np.uint16],
     share: NDArray[np.float64],
-    stop: NDArray[np.int64],
+    stop: NDArray[np.uint16],
     ends: NDArray[np.int64],
     p_free: NDArray[np.float64],
     first: NDArray[np.int64],
@@ -235,29 +242,32 @@ def fill_rows(
         weight: ``(2, ...)``, overwritten with free and clipped weights.
     """
     side, width = 2 * half + 1, exists.shape[1]
+    own, longest = np.uint16(side * side // 2), np.uint64(stop.shape[1] - 1)
     n_sub, cells = is_open.shape[1], exists.ravel()
     there, ways = np.zeros((side * side, LANES)), np.zeros((side * side, LANES))
-    cut, length = np.zeros((side * side, LANES)), np.zeros(LANES, dtype=np.uint8)
-    each, q, w, rest = np.zeros(LANES), np.zeros(LANES), np.empty(LANES), np.empty(LANES)
+    cut, w, rest = np.zeros((side * side, LANES)), np.empty(LANES), np.empty(LANES)
+    length, q = np.zeros((free.shape[1], LANES), dtype=np.uint8), np.zeros((n_sub, LANES))
     n = 0
     for r in range(0, kind.shape[0], LANES):
         lanes = min(LANES, kind.shape[0] - r)
         for b in range(lanes):
-            each[b] = 1.0 / (free.shape[1] // n_sub * is_open[kind[r + b]].sum())
+            of, counts = free[kind[r + b]], is_open[kind[r + b]]
+            each = 1.0 / (free.shape[1] // n_sub * counts.sum())
+            for i in range(of.shape[0]):
+                length[i, b] = of[i]
+            for s in range(n_sub):
+                q[s, b] = each if counts[s] else 0.0
         for j in ends:
             ways[j] = cut[j] = 0.0
             for b in range(lanes):
                 there[j, b] = cells[corner[r + b] + j // side * width + j % side]
         for i in range(free.shape[1]):
-            for b in range(lanes):
-                length[b] = free[kind[r + b], i]
-                q[b] = each[b] if is_open[kind[r + b], i % n_sub] else 0.0
-            e = slice(start[i], start[i + 1])
-            _add_probe(length, q, p_free, slot[e], share[e], there, ways, rest, w)
+            e, of, stops = slice(start[i], start[i + 1]), length[i], stop[i]
+            _add_probe(of, q[i % n_sub], p_free, slot[e], share[e], there, ways, rest, w)
             for b in range(lanes):
                 if rest[b] > 0.0:
-                    j = stop[i, min(np.int64(length[b]), stop.shape[1] - 1)]
-                    cut[j if there[j, b] > 0.0 else side * side // 2, b] += rest[b]
+                    j = stops[min(np.uint64(of[b]), longest)]
+                    cut[j if there[j, b] != 0.0 else own, b] += rest[b]
         for b in range(lanes):
             first[r + b] = n
             for j in ends:

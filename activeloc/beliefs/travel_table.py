@@ -22,7 +22,7 @@ from activeloc.beliefs.free_distance import UNITS, FreeDistances
 from activeloc.beliefs.landings import landings
 from activeloc.beliefs.plane_layout import PlaneLayout
 from activeloc.beliefs.pose_grid import PoseGrid
-from activeloc.beliefs.shared_rows import SharedRows
+from activeloc.beliefs.shared_rows import RowBuilder
 from activeloc.beliefs.travel import Travel
 from activeloc.motion import MotionNoise
 
@@ -84,9 +84,9 @@ class TravelTable:
         # A travel is rounded to its level, so a way that is half a level short may have been open.
         longest = length + 3.0 * spread
         p_free = kernels.open_chance(1.0 / UNITS, length - self.step / 2.0, spread, longest)
-        is_safe = self.free.least >= min(255, ceil(longest * UNITS - 1e-9))
-        rows = SharedRows(grid, self.free, lands, length / grid.cell_size, p_free, is_safe)
+        is_safe = self.free.is_free(min(255, ceil(longest * UNITS - 1e-9)))
+        built = RowBuilder(grid, self.free, lands, length / grid.cell_size, p_free, is_safe)
         return Travel(
-            lands.stencil_start, lands.stencil_step, lands.stencil_weight, *rows.laid_out(),
-            rows.plain.ravel(), self.layout,
+            lands.stencil_start, lands.stencil_step, lands.stencil_weight,
+            *built.rows.laid_out(self.layout), built.rows, built.plain.ravel(), self.layout,
         )  # fmt: skip
