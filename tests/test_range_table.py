@@ -13,7 +13,7 @@ from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import wrap
 from activeloc.range_levels import LEVELS, level_ranges, levels_of
-from activeloc.range_table import RangeTable, range_table
+from activeloc.range_table import POINT, RangeTable, direction_of, range_table
 from activeloc.raycast import cast_scan
 
 Z_MAX = 1.3
@@ -239,6 +239,17 @@ def test_every_heading_and_bearing_finds_a_direction(theta, bearing):
 
 
 # --- the object ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("directions", [4, 5, 180, 786, 3600])
+def test_heading_and_bearing_add_up_around_the_circle(directions):
+    """In words of 32 bits, by whole numbers that have no end."""
+    circle, rng = directions << POINT, np.random.default_rng(directions)
+    edges = [0, 1, circle // 2, circle - 1]
+    drawn = rng.integers(circle, size=(200, 2)).tolist()
+    for ahead, offset in [(a, b) for a in edges for b in edges] + drawn:
+        found = direction_of(np.uint32(ahead), np.uint32(offset), np.uint32(circle))
+        assert found == (ahead + offset) % circle >> POINT
 
 
 def test_a_map_has_one_table_for_each_range_and_number_of_directions():

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from activeloc.beliefs.particle_motion import unit
 from activeloc.grid import OccupancyGrid
-from activeloc.range_table import POINT, cell_of, directions_of
+from activeloc.range_table import POINT, cell_of, direction_of, directions_of
 from activeloc.sensors import LikelihoodField
 from activeloc.sensors.field_table import BIAS, OFFSET, SIZE, FieldTable, sum_along
+
+TILES = 16  # Blocks along a square of them whose places are told apart.
 
 
 @njit(cache=True, nogil=True)
@@ -49,8 +51,7 @@ def add_up(
     flat: NDArray[np.int16],
     cells: NDArray[np.int32],
     totals: NDArray[np.uint16],
-    ahead: int,
-    offset: NDArray[np.int64],
+    directions: NDArray[np.uint32],
     which: NDArray[np.int64],
     law: NDArray[np.float32],
 ) -> float:
@@ -60,19 +61,45 @@ def add_up(
         flat: The padded map's nearness.
         cells: ``(B,)``; see :func:`end_cells`.
         totals: ``(D,)``; a block's row of the table.
-        ahead: The heading; see :func:`directions_of`.
-        offset: ``(B,)``; of the beams.
+        directions: ``(B,)``; of the beams.
         which: ``(B,)``; where each beam's law begins, with the offset of its places.
         law: The laws, one after another.
     """
-    circle, result = totals.shape[0] << POINT, 0.0
+    result = 0.0
     for b in range(cells.shape[0]):
-        turned = ahead + offset[b]
-        turned -= circle if turned >= circle else 0
-        total = np.int64(totals[np.uint64(turned >> POINT)])
+        total = np.int64(totals[np.uint64(directions[b])])
         # Unsigned, for numba looks after negative indices.
         result += law[np.uint64(which[b] + np.int64(flat[np.uint64(cells[b])]) - total)]
     return result
+
+
+@njit(cache=True, nogil=True)
+def by_place(
+    index: NDArray[np.int32], by_block: NDArray[np.float64], poses: NDArray[np.float64]
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Row of the table of each pose ``(N,)``, and an order in which neighbours come together.
+
+    What one pose looks up is in the cache for the next. Blocks ``TILES`` apart count as one.
+
+    Args:
+        index: ``(rows, cols)``.
+        by_block: x and y of the map's corner [m], and blocks per metre.
+        poses: ``(N, 3)``.
+    """
+    n = poses.shape[0]
+    blocks, drawers = np.empty(n, dtype=np.int32), np.empty(n, dtype=np.uint8)
+    begin, order = np.zeros(TILES * TILES + 1, dtype=np.int32), np.empty(n, dtype=np.int32)
+    for i in range(n):
+        blocks[i], row, col = cell_of(index, by_block, poses[i, 0], poses[i, 1])
+        drawers[i] = (row % TILES) * TILES + col % TILES
+        begin[np.uint64(drawers[i]) + np.uint64(1)] += 1
+    for drawer in range(TILES * TILES):
+        begin[drawer + 1] += begin[drawer]
+    for i in range(n):
+        its = np.uint64(drawers[i])
+        order[np.uint64(begin[its])] = i
+        begin[its] += 1
+    return blocks, order
 
 
 @njit(cache=True, nogil=True)
@@ -109,34 +136,69 @@ def weigh_by_field(
         log_w: ``(N,)``, overwritten.
     """
     n_directions, n_beams = total.shape[1], bearings.shape[0]
-    circle, flat = n_directions << POINT, near.reshape(-1)
+    circle, flat = np.uint32(n_directions << POINT), near.reshape(-1)
     per_radian, half = n_directions / (2.0 * np.pi) * (1 << POINT), (1 << POINT) // 2
-    offset, cells = np.empty(n_beams, dtype=np.int64), np.empty(n_beams, dtype=np.int32)
+    offset, cells = np.empty(n_beams, dtype=np.uint32), np.empty(n_beams, dtype=np.int32)
+    directions = np.empty(n_beams, dtype=np.uint32)
     own = np.empty(n_directions, dtype=np.uint16)
     directions_of(bearings - np.pi, n_directions, offset)
     by_block = np.array([frame[0], frame[1], frame[2] / side])
-    for i in range(poses.shape[0]):
+    blocks, order = by_place(index, by_block, poses)
+    for each in order:
+        i = np.uint64(each)
         col, row = (poses[i, 0] - frame[0]) * frame[2], (poses[i, 1] - frame[1]) * frame[2]
         end_cells(col + 1.0, row + 1.0, unit(poses[i, 2]), ends, near.shape, cells)
-        ahead = int((poses[i, 2] + np.pi) * per_radian) + half
-        ahead -= circle if ahead >= circle else 0
-        block, block_row, block_col = cell_of(index, by_block, poses[i, 0], poses[i, 1])
+        ahead = np.uint32(int((poses[i, 2] + np.pi) * per_radian) + half)
+        ahead = np.uint32(min(ahead, np.uint32(ahead - circle)))
+        for b in range(n_beams):
+            directions[b] = direction_of(ahead, offset[b], circle)
+        block = blocks[i]
         if block < 0:  # Nowhere in the table: summed from where it stands, and forgotten.
             own[:] = 0
             totals = own
         else:
             totals = total[np.uint64(block)]
-            col, row = (block_col + 0.5) * side, (block_row + 0.5) * side
-        added = add_up(flat, cells, totals, ahead, offset, which, law)
+        added = add_up(flat, cells, totals, directions, which, law)
         if np.isnan(added):
-            for b in range(n_beams):
-                turned = ahead + offset[b]
-                direction = (turned - circle if turned >= circle else turned) >> POINT
+            if block >= 0:
+                _, block_row, block_col = cell_of(index, by_block, poses[i, 0], poses[i, 1])
+                col, row = (block_col + 0.5) * side, (block_row + 0.5) * side
+            for direction in directions:
                 if totals[direction] == 0:
                     theta = direction * (2.0 * np.pi / n_directions)
                     totals[direction] = BIAS + sum_along(near, nearness, col, row, theta, reach)
-            added = add_up(flat, cells, totals, ahead, offset, which, law)
+            added = add_up(flat, cells, totals, directions, which, law)
         log_w[i] += added
+
+
+@njit(cache=True, nogil=True)
+def aim(
+    beams: NDArray[np.intp],
+    readings: NDArray[np.int32],
+    kinds: NDArray[np.intp],
+    reach: NDArray[np.float64],
+    headings: NDArray[np.float64],
+    ends: NDArray[np.float32],
+    which: NDArray[np.int64],
+) -> None:
+    """Where the readings that count end, and where their laws begin.
+
+    Args:
+        beams: ``(n,)`` of those that count.
+        readings: ``(B,)`` of bins.
+        kinds: ``(n,)``; number of each beam's weight among those that differ.
+        reach: ``(Z,)``; the readings, a maximum-range one being 0 [cell].
+        headings: ``(2, B)``; cosines and sines of the bearings.
+        ends: ``(3, n)``, overwritten; see :func:`end_cells`.
+        which: ``(n,)``, overwritten; see :func:`add_up`.
+    """
+    for b in range(beams.shape[0]):
+        beam, reading = beams[b], readings[beams[b]]
+        is_max = reading == reach.shape[0] - 1
+        ends[0, b] = reach[reading] * headings[0, beam]
+        ends[1, b] = reach[reading] * headings[1, beam]
+        ends[2, b] = 0.0 if is_max else 1.0
+        which[b] = (2 * kinds[b] + is_max) * SIZE + OFFSET
 
 
 class FieldWeigher:
@@ -180,20 +242,18 @@ class FieldWeigher:
             log_w: Overwritten.
         """
         table = self.table
-        counts = (readings >= 0) & (weights > 0.0)
-        if not counts.any():
+        beams = np.flatnonzero((readings >= 0) & (weights > 0.0))
+        n = len(beams)
+        if not n:
             return
-        of_beam = weights[counts].tolist()
+        of_beam = weights[beams].tolist()
         each = {weight: k for k, weight in enumerate(dict.fromkeys(of_beam))}
-        is_max = readings[counts] == len(table.reach)
-        reach = self._reach[readings[counts]]
-        ends = np.stack([*(reach * self._headings[:, counts]), ~is_max]).astype(np.float32)
-        which = is_max * SIZE + OFFSET
-        if len(each) > 1:
-            which += 2 * SIZE * np.array([each[weight] for weight in of_beam])
+        kinds = np.array([each[weight] for weight in of_beam], dtype=np.intp)
+        ends, which = np.empty((3, n), dtype=np.float32), np.empty(n, dtype=np.int64)
+        aim(beams, readings, kinds, self._reach, self._headings, ends, which)
         weigh_by_field(
             table.near, table.nearness, table.index, table.side, table.total, table.reach,
-            table.frame, poses, self._bearings[counts], ends, which, self._law(tuple(each)), log_w,
+            table.frame, poses, self._bearings[beams], ends, which, self._law(tuple(each)), log_w,
         )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from activeloc.range_levels import LEVELS
-from activeloc.range_table import POINT, cast_missing, cell_of, directions_of
+from activeloc.range_table import POINT, cast_missing, cell_of, direction_of, directions_of
 from activeloc.raycast import cast_beams
 
 BLOCK = 128  # Particles that are weighed together.
@@ -20,7 +20,7 @@ def locate(
     n_directions: int,
     poses: NDArray[np.float64],
     row: NDArray[np.int64],
-    ahead: NDArray[np.int64],
+    ahead: NDArray[np.uint32],
 ) -> None:
     """Where in the table of ranges each pose's beams are looked up.
 
@@ -44,9 +44,9 @@ def locate(
 def add_readings(
     flat: NDArray[np.uint8],
     row: NDArray[np.int64],
-    ahead: NDArray[np.int64],
-    offset: NDArray[np.int64],
-    circle: int,
+    ahead: NDArray[np.uint32],
+    offset: NDArray[np.uint32],
+    circle: np.uint32,
     log_p: NDArray[np.float32],
     out: NDArray[np.float64],
 ) -> None:
@@ -66,9 +66,7 @@ def add_readings(
     out[:] = 0.0
     for b in range(offset.shape[0]):
         for i in range(out.shape[0]):
-            turned = ahead[i] + offset[b]
-            turned -= circle if turned >= circle else 0
-            at = max(0, row[i]) + (turned >> POINT)
+            at = max(0, row[i]) + direction_of(ahead[i], offset[b], circle)
             # Unsigned, for numba looks after negative indices.
             out[i] += log_p[b, np.uint64(flat[np.uint64(at)])]
 
@@ -101,13 +99,13 @@ def weigh_by_table(
         log_w: ``(N,)``, overwritten.
     """
     n_directions, n_beams, outside = table.shape[1], bearings.shape[0], 0.0
-    offset, by_byte = np.empty(n_beams, np.int64), np.empty((n_beams, LEVELS + 1), np.float32)
+    offset, by_byte = np.empty(n_beams, np.uint32), np.empty((n_beams, LEVELS + 1), np.float32)
     directions_of(bearings - np.pi, n_directions, offset)
     for b in range(n_beams):
         outside += log_p[b, 0]
         by_byte[b, 0], by_byte[b, 1:] = np.nan, log_p[b]  # What has not been cast will be noticed.
-    flat, circle = table.reshape(-1), n_directions << POINT
-    row, ahead = np.empty(BLOCK, dtype=np.int64), np.empty(BLOCK, dtype=np.int64)
+    flat, circle = table.reshape(-1), np.uint32(n_directions << POINT)
+    row, ahead = np.empty(BLOCK, dtype=np.int64), np.empty(BLOCK, dtype=np.uint32)
     total = np.empty(BLOCK)
     for first in range(0, poses.shape[0], BLOCK):
         block = poses[first : first + BLOCK]

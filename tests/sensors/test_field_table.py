@@ -132,6 +132,24 @@ def test_a_scan_is_the_weighted_sum_over_its_beams(seed):
     np.testing.assert_array_equal(again, log_w)
 
 
+def test_what_a_pose_weighs_does_not_depend_on_the_others():
+    """To the bit: alone, in a cloud, in another order, from a table that is warm or cold."""
+    grid, sensor = clutter(3), LikelihoodField(5, 2.0, 1.2, sigma_hit=0.1)
+    table = FieldTable(grid, sensor)
+    readings, weights = np.array([3, -1, 7, len(table.reach), 0], np.int32), np.ones(5)
+    poses, order = anywhere(grid, 300, 4), np.random.default_rng(5).permutation(300)
+    together, shuffled, alone = np.zeros(300), np.zeros(300), np.zeros(300)
+    weigher = FieldWeigher(table, 0.7)
+    weigher.weigh(poses, readings, weights, together)
+    weigher.weigh(poses[order], readings, weights, shuffled)
+    for i in range(300):
+        one = slice(i, i + 1)
+        FieldWeigher(table, 0.7).weigh(poses[one], readings, weights, alone[one])
+    np.testing.assert_array_equal(shuffled, together[order])
+    np.testing.assert_array_equal(alone, together)
+    assert len(np.unique(together)) > 100
+
+
 def test_nothing_near_the_ray_is_a_missed_echo():
     grid = OccupancyGrid(np.zeros((200, 300), dtype=np.uint8), 0.1)
     sensor = LikelihoodField(beams=1, sigma_hit=0.1, reading_bin=0.1)
