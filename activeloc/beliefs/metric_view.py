@@ -34,14 +34,16 @@ from numpy.typing import NDArray
 
 from activeloc.beliefs import Belief
 from activeloc.beliefs.metric_view_kernels import (
+    CLASSES,
     CLOSED,
     DIRECTIONS,
+    RING,
     SHARES,
     classify,
     draw_window,
     record,
 )
-from activeloc.beliefs.metric_ways_kernels import draw_ways
+from activeloc.beliefs.metric_ways_kernels import code, draw_ways
 from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import Terrain
@@ -68,6 +70,9 @@ class Lookup:
         area: ``(rows, cols)``; open share of each cell, in sixteenths.
         seen: ``(DIRECTIONS, rows, cols)``; class of the range from the cell along each direction,
             counter-clockwise from +x.
+        records: ``(9, rows, cols)``; both: see :mod:`activeloc.beliefs.metric_view_kernels`; with
+            the ring of closed cells.
+        shares: ``(rows, cols)``; ``area``, with the ring.
     """
 
     def __init__(self, grid: OccupancyGrid, radius: float, z_max: float) -> None:
@@ -88,15 +93,22 @@ class Lookup:
         classify(grid.squares, grid.to_cells(places), z_max / grid.resolution, classes)
         self.seen = np.zeros((DIRECTIONS, *poses.shape), dtype=np.uint8)
         self.seen[:, row, col] = classes
-        self._records: dict[int, NDArray[np.uint32]] = {}
+        ring = (RING, RING)
+        self.shares = np.pad(self.area, ring)
+        self.records = np.pad(
+            record(self.seen, self.area), ((0, 0), ring, ring), constant_values=CLOSED
+        )
+        self._codes: dict[tuple[int, ...], NDArray[np.uint16]] = {}
 
-    def records(self, margin: int) -> NDArray[np.uint32]:
-        """``(9, rows, cols)``: see :func:`record`; padded with closed cells."""
-        if margin not in self._records:
-            around = ((0, 0), (margin, margin), (margin, margin))
-            words = record(self.seen, self.area)
-            self._records[margin] = np.pad(words, around, constant_values=CLOSED)
-        return self._records[margin]
+    def codes(self, beams: tuple[int, ...]) -> NDArray[np.uint16]:
+        """``(DIRECTIONS, rows, cols)``, with the ring: what beams at some directions are to read.
+
+        See :func:`activeloc.beliefs.metric_ways_kernels.code`.
+        """
+        if beams not in self._codes:
+            around = ((0, 0), (RING, RING), (RING, RING))
+            self._codes[beams] = np.pad(code(self.seen, beams), around)
+        return self._codes[beams]
 
 
 @lru_cache(maxsize=64)
@@ -120,7 +132,8 @@ class MetricView:
         self.radius = radius
         bearings = np.sort(sensor.bearings)
         some = bearings[np.unique([0, len(bearings) // 2, len(bearings) - 1])]
-        self._beams = np.round(some * DIRECTIONS / (2.0 * np.pi)).astype(np.int64) % DIRECTIONS
+        beams = np.round(some * DIRECTIONS / (2.0 * np.pi)).astype(np.int64) % DIRECTIONS
+        self._beams = tuple(beams.tolist())
         # To the window's corner or to the end of a way, and a cell to spare.
         reach = max(2.0**0.5 * radius, DISTANCES - 1.0) * PIXEL / CELL
         self._margin = int(np.ceil(reach)) + 2
@@ -133,11 +146,11 @@ class MetricView:
         side = 2 * self.radius + 1
         view = np.empty((PLANES, side, side), dtype=np.float32)
         ways = np.empty(WAYS, dtype=np.float32)
-        records = table.records(margin)
-        draw_window(poses, counts, table.frame, records, margin, PIXEL / CELL, view)
+        draw_window(poses, counts, table.frame, table.records, margin, PIXEL / CELL, view)
         draw_ways(
-            poses, counts, self.belief.bins(robot).index(poses), table.frame, records, margin,
-            STEP / CELL, round(PIXEL / STEP), self._beams, MOST, ways,
+            poses, counts, self.belief.bins(robot).index(poses), table.frame,
+            table.codes(self._beams), table.shares, margin, STEP / CELL, round(PIXEL / STEP),
+            CLASSES ** len(self._beams), MOST, ways,
         )  # fmt: skip
         memory = self.belief.place(robot)
         sector = memory.sector(ANGLES)

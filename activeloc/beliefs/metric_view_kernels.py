@@ -1,11 +1,13 @@
 """Kernels of the metric view: hypotheses laid over each other.
 
-Places are looked up in ``records``: nine words for each cell of the map's look-up, which is padded
-so that nothing looks beyond. The bytes of word d are of the directions d, d + 9, d + 18 and d + 27,
-a quarter turn apart: the class of the range in the upper half; in the lower, the same in all four,
-the cell's open share less one. A closed cell is :data:`CLOSED`. The words of one d lie together: a
-robot looks into few.
+Places are looked up in ``records``: nine words for each cell of the map's look-up, with a ring of
+closed cells around it for whatever lies beyond. The bytes of word d are of the directions d, d + 9,
+d + 18 and d + 27, a quarter turn apart: the class of the range in the upper half; in the lower, the
+same in all four, the cell's open share less one. A closed cell is :data:`CLOSED`. The words of one
+d lie together: a robot looks into few.
 """
+
+from math import log
 
 import numpy as np
 from numba import njit
@@ -19,6 +21,9 @@ QUARTER = DIRECTIONS // 4
 SHARES = 16  # Open shares of a cell are told apart this finely,
 OPEN = 4  # and with fewer of them it stops a way.
 CLOSED = 0x80808080
+RING = 2  # Cells: a way that is probed every 0.25 m does not leap over them.
+LANES = 4  # Hypotheses that are counted at a time.
+N_LOG_N = np.array([0.0, *(n * log(n) for n in range(1, 256))])
 
 
 @njit(cache=True, nogil=True)
@@ -74,10 +79,10 @@ def direction_of(theta: float) -> int:
 def start_of(
     pose: NDArray[np.float64], frame: NDArray[np.float64], shape: tuple[int, int], margin: int
 ) -> tuple[float, float]:
-    """Column and row of a pose among the padded cells; off the map, at its edge."""
+    """Column and row of a pose, counted from a margin around the map; off the map, at its edge."""
     col, row = (pose[0] - frame[0]) * frame[2], (pose[1] - frame[1]) * frame[2]
-    col = min(max(col, 0.0), float(shape[1] - 2 * margin))
-    row = min(max(row, 0.0), float(shape[0] - 2 * margin))
+    col = min(max(col, 0.0), float(shape[1] - 2 * RING))
+    row = min(max(row, 0.0), float(shape[0] - 2 * RING))
     return col + margin, row + margin
 
 
@@ -92,12 +97,70 @@ def turn_back(words: NDArray[np.uint32], quarters: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def count(bytes_: NDArray[np.uint8], n: np.uint8, of: NDArray[np.uint8]) -> None:
-    """Count n hypotheses with the class of each place: ``of (CLASSES, N)``, by class."""
+def count(bytes_: NDArray[np.uint8], n: NDArray[np.uint8], of: NDArray[np.uint8]) -> None:
+    """Count hypotheses with the class of each place.
+
+    Args:
+        bytes_: ``(LANES, N)``; classes in the upper halves, the lower ones empty.
+        n: ``(LANES,)``; how many hypotheses each stands for.
+        of: ``(CLASSES, N)``, added to.
+    """
+    byte, none = np.uint8, np.uint8(0)
+    first, second, third, fourth = bytes_[0], bytes_[1], bytes_[2], bytes_[3]
+    n0, n1, n2, n3 = n[0], n[1], n[2], n[3]
     for c in range(CLASSES):
-        own, held = np.uint8(c << 4), of[c]
-        for i in range(bytes_.shape[0]):
-            held[i] += n if bytes_[i] & np.uint8(0xF0) == own else np.uint8(0)
+        own, held = byte(c << 4), of[c]
+        for i in range(held.shape[0]):
+            one = byte((n0 if first[i] == own else none) + (n1 if second[i] == own else none))
+            two = byte((n2 if third[i] == own else none) + (n3 if fourth[i] == own else none))
+            held[i] += byte(one + two)
+
+
+@njit(cache=True, nogil=True)
+def look_up(
+    x: float,
+    y: float,
+    cos: float,
+    sin: float,
+    up: NDArray[np.float64],
+    right: NDArray[np.float64],
+    shape: tuple[int, int],
+    margin: int,
+    words: NDArray[np.uint32],
+    first: int,
+    at: NDArray[np.int32],
+    seen: NDArray[np.uint32],
+) -> None:
+    """The words of all pixels of one window.
+
+    Args:
+        x: Column and
+        y: row of the pose; see :func:`start_of`.
+        cos: Of its heading,
+        sin: and the sine.
+        up: ``(S * S,)``; pixels ahead of the pose,
+        right: ``(S * S,)``; and to its right [cell].
+        shape: Rows and columns of the records.
+        margin: See :func:`start_of`; farther than the window reaches, so that nothing is negative.
+        words: Records of all directions, one after another,
+        first: those of one from here on.
+        at: ``(S * S,)``, overwritten.
+        seen: ``(S * S,)``, overwritten with the words.
+    """
+    whole, zero, low = np.int32, np.int32(0), np.int32(margin - RING)
+    width, last_col, last_row = whole(shape[1]), whole(shape[1] - 1), whole(shape[0] - 1)
+    for j in range(at.shape[0]):
+        col = whole(whole(x + up[j] * cos + right[j] * sin) - low)
+        row = whole(whole(y + up[j] * sin - right[j] * cos) - low)
+        # All in 32 bits: min() and max() would be in 64, and half as fast.
+        col = col if col > zero else zero
+        row = row if row > zero else zero
+        col = col if col < last_col else last_col
+        row = row if row < last_row else last_row
+        at[j] = row * width + col
+    for j in range(at.shape[0]):
+        # Unsigned, so that no look-up asks whether it counts from the end.
+        seen[j] = words[np.uint64(first + at[j])]
 
 
 @njit(cache=True, nogil=True)
@@ -117,34 +180,36 @@ def lay_over(
         poses: ``(M, 3)``.
         counts: ``(M,)``; hypotheses at each pose, 255 at most in all.
         frame: See :class:`activeloc.beliefs.metric_view.Lookup`.
-        records: ``(9, rows, cols)``, padded.
-        margin: By so many cells, more than the window reaches.
+        records: ``(9, rows, cols)``.
+        margin: More cells than the window reaches.
         pixel: Side of a pixel [cell].
-        classes: ``(CLASSES, S * S * 4)`` of zeros; hypotheses, by class, place and quarter turn.
+        classes: ``(CLASSES, >= S * S * 4)`` of zeros; hypotheses, by class, place and quarter turn.
         free: ``(S, S)`` of zeros; sixteenths.
     """
-    side, width, plane = free.shape[0], records.shape[2], records.shape[1] * records.shape[2]
-    seen, at = np.empty(side * side, np.uint32), np.empty(side * side, np.int32)
-    sums, bytes_, words = free.ravel(), seen.view(np.uint8), records.ravel()
-    up, right = np.empty(side * side), np.empty(side * side)
-    for j in range(side * side):
-        up[j], right[j] = pixel * (j // side - side // 2), pixel * (j % side - side // 2)
+    side, plane = free.shape[0], records.shape[1] * records.shape[2]
+    n_places, sums, words = side * side, free.ravel(), records.ravel()
+    seen, at = np.empty(n_places, np.uint32), np.empty(n_places, np.int32)
+    up, right = np.empty(n_places), np.empty(n_places)
+    for top in range(side):
+        for left in range(side):
+            up[top * side + left] = pixel * (top - side // 2)
+            right[top * side + left] = pixel * (left - side // 2)
+    held = np.full((LANES, classes.shape[1] // 4), np.uint32(CLOSED))
+    n_held = np.zeros(LANES, np.uint8)
     for i in range(poses.shape[0]):
-        n, ahead = np.int32(counts[i]), direction_of(poses[i, 2])
+        n, ahead, lane = np.int32(counts[i]), direction_of(poses[i, 2]), i % LANES
         cos, sin = np.cos(poses[i, 2]), np.sin(poses[i, 2])
         x, y = start_of(poses[i], frame, records.shape[1:], margin)
-        for j in range(at.shape[0]):
-            col = np.int32(x + up[j] * cos + right[j] * sin)
-            row = np.int32(y + up[j] * sin - right[j] * cos)
-            at[j] = row * np.int32(width) + col
         first = plane * (ahead % QUARTER)
-        for j in range(at.shape[0]):
-            # Unsigned, so that no look-up asks whether it counts from the end.
-            seen[j] = words[np.uint64(first + at[j])]
+        look_up(x, y, cos, sin, up, right, records.shape[1:], margin, words, first, at, seen)
         turn_back(seen, ahead // QUARTER)
-        for j in range(seen.shape[0]):
+        for j in range(n_places):
             sums[j] += n * share_of(seen[j])
-        count(bytes_, np.uint8(n), classes)
+            held[lane, j] = seen[j] & np.uint32(0xF0F0F0F0)
+        n_held[lane] = n
+        if lane == LANES - 1 or i == poses.shape[0] - 1:
+            count(held.view(np.uint8), n_held, classes)
+            n_held[:] = 0
 
 
 @njit(cache=True, nogil=True)
@@ -170,20 +235,20 @@ def draw_window(
     """
     side = view.shape[1]
     free = np.zeros((side, side), np.int32)
-    classes = np.zeros((CLASSES, side * side * 4), np.uint8)
+    # Whole stretches of 32 bytes: none is left over.
+    classes = np.zeros((CLASSES, -(-side * side // 8) * 32), np.uint8)
     lay_over(poses, counts, frame, records, margin, pixel, classes, free)
-    total, most = counts.sum(), np.log(float(CLASSES))
-    terms = np.zeros(256)
+    whole, most = 1.0 / (SHARES * counts.sum()), np.log(float(CLASSES))
+    share = np.zeros(256)
     for n in range(1, 256):
-        terms[n] = n * np.log(float(n))
+        share[n] = 1.0 / (n * most)
     for place in range(side * side):
         top, left = place // side, place % side
-        view[0, top, left] = free[top, left] / (SHARES * total)
+        view[0, top, left] = free[top, left] * whole
         for q in range(4):
             seen, spread = 0, 0.0
             for c in range(CLASSES):
                 n = classes[c, 4 * place + q]
                 seen += n
-                spread += terms[n]
-            nats = max(0.0, (terms[seen] - spread) / seen) if seen > 0 else 0.0
-            view[1 + q, top, left] = nats / most
+                spread += N_LOG_N[n]
+            view[1 + q, top, left] = max(0.0, N_LOG_N[seen] - spread) * share[seen]

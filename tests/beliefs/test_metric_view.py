@@ -301,7 +301,7 @@ def test_a_view_takes_less_than_a_millisecond():
     poses = belief.sample(0, 128, rng)
     table = lookup_of(belief.terrain(0).grid, MOTION.radius, SENSOR.z_max)
     out, counts = np.empty((5, 17, 17), np.float32), np.ones(128, np.int64)
-    records = table.records(31)
+    records = table.records
     took = []
     for _ in range(50):
         start = time.thread_time()
