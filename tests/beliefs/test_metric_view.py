@@ -40,9 +40,9 @@ GRID = from_text(
 )
 
 
-def on(grid, poses, weights=None, sensor=SENSOR):
+def on(grid, poses, weights=None, sensor=SENSOR, motion=MOTION):
     """A histogram belief that holds these poses."""
-    belief = HistogramBelief(1, HistogramConfig(cell_size=0.25), sensor, MOTION)
+    belief = HistogramBelief(1, HistogramConfig(cell_size=0.25), sensor, motion)
     belief.reset(0, grid)
     cell, heading = belief.poses(0).states_of(np.asarray(poses, dtype=float))
     prior = np.zeros_like(belief.probabilities(0))
@@ -141,6 +141,19 @@ def test_is_every_hypothesis_surroundings_turned_and_averaged(poses):
     ways = slow_ways(belief, terrain, np.rad2deg(SENSOR.bearings), SENSOR.z_max)
     np.testing.assert_allclose(drawn["ways"], ways, atol=1e-5)
     assert window[1:].max() > 0.2 or len(poses) == 1
+
+
+def test_a_small_robot_on_open_ground_sees_as_far_as_the_map_s_edge():
+    """No wall around the map; and beams that are not the same to the left and to the right."""
+    sensor, motion = BeamModel(beams=4, field_of_view=np.deg2rad(120)), MotionModel(radius=0.05)
+    lawn = from_text("........\n..#.....\n.....#..\n.#......\n......#.", 0.5)
+    poses = [(0.3, 1.2, 0.4), (3.6, 0.4, -2.0), (1.7, 2.2, 1.3), (2.6, 1.1, 2.9)]
+    belief, terrain = on(lawn, poses, sensor=sensor, motion=motion), Terrain(lawn, 0.05)
+    drawn = MetricView(belief, sensor, 4).draw(0)
+    window = slow_window(belief, terrain, 4, sensor.z_max)
+    np.testing.assert_allclose(drawn["view"], window, atol=1e-5)
+    ways = slow_ways(belief, terrain, [-60, 20, 60], sensor.z_max)
+    np.testing.assert_allclose(drawn["ways"], ways, atol=1e-5)
 
 
 def test_one_pose_sees_the_map_turned_and_expects_no_news():
