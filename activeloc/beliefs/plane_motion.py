@@ -61,31 +61,34 @@ def _gather(
 
     Entries from ``first`` to ``last`` come in fours, but for one that may be left over.
     """
-    for e in range(first, last - 3, 4):
+    if last - first < 2:
+        w = weights[first] if first < last else weights.dtype.type(0)
+        a = np.uint64(at - shifts[first]) if first < last else np.uint64(at)
+        for i in range(n):
+            out[to + i] = w * plane[a + i]
+        return
+    whole = last - (last - first) % 4
+    for e in range(first, whole, 4):
         wa, wb, wc, wd = weights[e], weights[e + 1], weights[e + 2], weights[e + 3]
         a, b = np.uint64(at - shifts[e]), np.uint64(at - shifts[e + 1])
         c, d = np.uint64(at - shifts[e + 2]), np.uint64(at - shifts[e + 3])
-        if e == first:
-            for i in range(n):
-                out[to + i] = (wa * plane[a + i] + wb * plane[b + i]) + (
-                    wc * plane[c + i] + wd * plane[d + i]
-                )
-        else:
+        if e > first:
             for i in range(n):
                 out[to + i] += (wa * plane[a + i] + wb * plane[b + i]) + (
                     wc * plane[c + i] + wd * plane[d + i]
                 )
-    if (last - first) % 4 > 0:
-        w, a = weights[last - 1], np.uint64(at - shifts[last - 1])
-        if last - first == 1:
+        elif whole < last:
+            we, f = weights[whole], np.uint64(at - shifts[whole])
             for i in range(n):
-                out[to + i] = w * plane[a + i]
+                out[to + i] = (
+                    (wa * plane[a + i] + wb * plane[b + i])
+                    + (wc * plane[c + i] + wd * plane[d + i])
+                ) + we * plane[f + i]
         else:
             for i in range(n):
-                out[to + i] += w * plane[a + i]
-    elif first == last:
-        for i in range(n):
-            out[to + i] = 0.0
+                out[to + i] = (wa * plane[a + i] + wb * plane[b + i]) + (
+                    wc * plane[c + i] + wd * plane[d + i]
+                )
 
 
 @njit(cache=True, nogil=True)
@@ -153,7 +156,9 @@ def translate(
         way, begin, written = (k + turned) % n_headings, r, o
         while r < n and runs[r, 0] < (k + 1) * size:
             to = runs[r, 0] - k * size + margin
-            _keep(values, plain, runs[r], (way - k) * size, open_ground, to)
+            _keep(
+                values, plain, runs[r, 0], runs[r, 1], (way - k) * size, edge_start, open_ground, to
+            )  # fmt: skip
             r += 1
         first, last = stencil_start[way], stencil_start[way + 1]
         while o < n_out and out_runs[o, 0] < (k + 1) * size:
@@ -171,39 +176,53 @@ def translate(
             o += 1
         for i in range(begin, r):
             to = runs[i, 0] - k * size + margin
-            open_ground[to : to + runs[i, 1] - runs[i, 0]] = 0.0
+            for j in range(np.uint64(to), np.uint64(to + runs[i, 1] - runs[i, 0])):
+                open_ground[j] = 0.0
             _add_edges(
                 values, k * size, edge_start[(runs[i, 0] + (way - k) * size) // BLOCK],
                 edge_start[(runs[i, 1] + (way - k) * size) // BLOCK], source, target, weight, out,
             )  # fmt: skip
         for i in range(written, o):
-            _sum_up(out, out_runs[i], sums, flags)
+            _sum_up(out, out_runs[i, 0], out_runs[i, 1], sums, flags)
     return collect(flags, size, out_runs), sums.sum()
 
 
 @njit(cache=True, nogil=True)
 def _keep(
     values: NDArray[np.float32],
-    kept: NDArray[np.uint8],
-    run: NDArray[np.int32],
+    plain: NDArray[np.uint8],
+    first: int,
+    last: int,
     turned: int,
+    edge_start: NDArray[np.int64],
     out: NDArray[np.float32],
     to: int,
 ) -> None:
-    """Copy a run where it is kept, zero elsewhere.
+    """Copy a run where the ground is open, zero beside obstacles.
 
     Args:
         values: ``(K * P,)``.
-        kept: ``(K * P,)``; for a state of the run ``turned`` further on.
-        run: ``(2,)``.
+        plain: ``(K * P,)``; for a state of the run ``turned`` further on.
+        first: Of the run,
+        last: and one past its last.
         turned: See above.
+        edge_start: ``(K * P / BLOCK + 1,)``; blocks without an entry are open ground.
         out: Overwritten from ``to`` on.
         to: See there.
     """
-    at, where, there = np.uint64(run[0]), np.uint64(run[0] + turned), np.uint64(to)
-    zero = values.dtype.type(0)
-    for i in range(np.uint64(run[1] - run[0])):
-        out[there + i] = values[at + i] if kept[where + i] != 0 else zero
+    at, where, there = np.uint64(first), np.uint64(first + turned), np.uint64(to)
+    end, block, zero = np.uint64(last), np.uint64(BLOCK), values.dtype.type(0)
+    while at < end:
+        b, n, entry = where // block, block, edge_start[where // block]
+        if edge_start[b + np.uint64(1)] == entry:
+            while at + n < end and edge_start[b + n // block + np.uint64(1)] == entry:
+                n += block
+            for i in range(n):
+                out[there + i] = values[at + i]
+        else:
+            for i in range(block):
+                out[there + i] = values[at + i] if plain[where + i] != 0 else zero
+        at, where, there = at + n, where + n, there + n
 
 
 @njit(cache=True, nogil=True)
@@ -226,14 +245,16 @@ def _add_edges(
 @njit(cache=True, nogil=True)
 def _sum_up(
     values: NDArray[np.float32],
-    run: NDArray[np.int32],
+    first: int,
+    last: int,
     sums: NDArray[np.float64],
     flags: NDArray[np.uint8],
 ) -> None:
     """Add a run to ``sums`` and flag its blocks, those that hold anything."""
-    of = values[run[0] : run[1]]
-    for i in range(of.shape[0]):
-        sums[i] += of[i]
-    for at in range(np.uint64(run[0]), np.uint64(run[1]), np.uint64(BLOCK)):
-        if holds(values, at, np.uint64(BLOCK)):
-            flags[at // np.uint64(BLOCK)] = 1
+    at, block, n = np.uint64(first), np.uint64(BLOCK), np.uint64(last - first)
+    for i in range(n):
+        sums[i] += values[at + i]
+    for b in range(np.uint64(first // BLOCK), np.uint64(last // BLOCK)):
+        # Where there is mass there is most often some in the middle.
+        if values[b * block + np.uint64(BLOCK // 2)] != 0.0 or holds(values, b * block, block):
+            flags[b] = 1

@@ -12,8 +12,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.beliefs.plane_layout import BLOCK, clear_rest, collect
-from activeloc.beliefs.plane_tiles import WIDE, arc_of, load, store_tile, tiles_of
+from activeloc.beliefs.plane_layout import BLOCK, clear_rest, collect, holds, mark
+from activeloc.beliefs.plane_tiles import arc_of, load, store_tile, tiles_of
+
+WIDEST = 128  # Blocks of a tile whose rows are read where they lie, and written where they belong.
 
 
 class Turning(NamedTuple):
@@ -174,27 +176,50 @@ def _turn_row(
     """One heading of a tile after the taps of a turn, taken from where the belief lies."""
     n_headings, taps = values.shape[0] // size, turning.taps
     at, whole = (k - turning.first) % n_headings, taps.shape[0] - taps.shape[0] % 4
+    left_over = (k - turning.first - whole) % n_headings
+    if whole == 0:
+        out[to : to + length] = 0.0
+        for j in range(taps.shape[0]):
+            _add(out, to, values, np.uint64(at * size + start), taps[j], length)
+            at = (at - 1) % n_headings
+        return
     for j in range(0, whole, 4):
         wa, wb, wc, wd = taps[j], taps[j + 1], taps[j + 2], taps[j + 3]
         a, b = np.uint64(at * size + start), np.uint64((at - 1) % n_headings * size + start)
         c = np.uint64((at - 2) % n_headings * size + start)
         d = np.uint64((at - 3) % n_headings * size + start)
-        if j == 0:
-            for i in range(length):
-                out[to + i] = (wa * values[a + i] + wb * values[b + i]) + (
-                    wc * values[c + i] + wd * values[d + i]
-                )
-        else:
+        if j > 0:
             for i in range(length):
                 out[to + i] += (wa * values[a + i] + wb * values[b + i]) + (
                     wc * values[c + i] + wd * values[d + i]
                 )
+        elif taps.shape[0] == whole + 1:
+            we, e = taps[whole], np.uint64(left_over * size + start)
+            for i in range(length):
+                out[to + i] = (
+                    (wa * values[a + i] + wb * values[b + i])
+                    + (wc * values[c + i] + wd * values[d + i])
+                ) + we * values[e + i]
+        else:
+            for i in range(length):
+                out[to + i] = (wa * values[a + i] + wb * values[b + i]) + (
+                    wc * values[c + i] + wd * values[d + i]
+                )
         at = (at - 4) % n_headings
-    if whole == 0:
-        out[to : to + length] = 0.0
-    for j in range(whole, taps.shape[0]):
-        _add(out, to, values, np.uint64(at * size + start), taps[j], length)
-        at = (at - 1) % n_headings
+
+
+@njit(cache=True, nogil=True)
+def _goes_row_by_row(tile: NDArray[np.int32], turning: Turning) -> bool:
+    """Whether a tile is so wide that its rows are taken from where they lie."""
+    return bool(tile[1] - tile[0] > BLOCK and turning.n_flat == 0)
+
+
+@njit(cache=True, nogil=True)
+def _rows_of(alive: NDArray[np.bool_], turning: Turning) -> tuple[int, int]:
+    """First heading, and number of headings, that a tile may have after a turn."""
+    first, n = arc_of(alive)
+    shift, n_shifts = _shifts(turning)
+    return (first + shift) % alive.shape[0], min(n + n_shifts - 1, alive.shape[0])
 
 
 @njit(cache=True, nogil=True)
@@ -226,8 +251,8 @@ def turn_tile(
         load(values, size, start, length, first, n, out, np.uint64(0))
         return first, n
     shift, n_shifts = _shifts(turning)
-    if length > BLOCK and turning.n_flat == 0:
-        k, n_rows = (first + shift) % n_headings, min(n + n_shifts - 1, n_headings)
+    if _goes_row_by_row(tile, turning):
+        k, n_rows = _rows_of(alive, turning)
         for row in range(n_rows):
             at = np.uint64(row) * length
             _turn_row(values, size, (k + row) % n_headings, start, turning, out, at, length)
@@ -279,9 +304,19 @@ def rotate(
         flags: Zeros.
     """
     n_headings = values.shape[0] // size
-    tiles, alive = tiles_of(runs, n, size, n_headings, WIDE)
+    tiles, alive = tiles_of(runs, n, size, n_headings, WIDEST)
     scratch = scratch_of(values, size, turning, tiles)
     for t in range(tiles.shape[0]):
+        if _goes_row_by_row(tiles[t], turning):
+            k, n_rows = _rows_of(alive[t], turning)
+            length = np.uint64(tiles[t, 1] - tiles[t, 0])
+            for row in range(k, k + n_rows):
+                at = row % n_headings * size + tiles[t, 0]
+                to = np.uint64(at)
+                _turn_row(values, size, row % n_headings, tiles[t, 0], turning, out, to, length)
+                if holds(out, to, length):
+                    mark(flags, at, at + tiles[t, 1] - tiles[t, 0])
+            continue
         k, n_rows = turn_tile(values, size, tiles[t], alive[t], turning, scratch)
         store_tile(scratch.turned, n_rows, k, tiles[t], out, size, flags)
     clear_rest(out, out_runs, n_out, flags)
