@@ -5,7 +5,7 @@ from math import inf, pi
 import numpy as np
 import pytest
 
-from activeloc.beliefs.field_weighing import FieldWeigher
+from activeloc.beliefs.field_weighing import TILES, FieldWeigher, by_place
 from activeloc.beliefs.particles import ParticleBelief, ParticleConfig
 from activeloc.grid import OccupancyGrid
 from activeloc.maps import MapSource
@@ -148,6 +148,20 @@ def test_what_a_pose_weighs_does_not_depend_on_the_others():
     np.testing.assert_array_equal(shuffled, together[order])
     np.testing.assert_array_equal(alone, together)
     assert len(np.unique(together)) > 100
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_every_pose_is_visited_once_neighbours_after_each_other(seed):
+    rng = np.random.default_rng(seed)
+    index = np.arange(40 * 30, dtype=np.int32).reshape(40, 30)
+    poses = rng.uniform(-1.0, [31.0, 41.0, 1.0], (500, 3))
+    rows, order = by_place(index, np.array([0.0, 0.0, 1.0]), poses)
+    assert sorted(order) == list(range(500))
+    x, y = np.floor(poses[:, :2]).astype(int).T
+    inside = (x >= 0) & (x < 30) & (y >= 0) & (y < 40)
+    np.testing.assert_array_equal(rows, np.where(inside, y * 30 + x, -1))
+    drawer = np.where(inside, y % TILES * TILES + x % TILES, 0)[order]
+    assert (np.diff(drawer) >= 0).all()
 
 
 def test_nothing_near_the_ray_is_a_missed_echo():
