@@ -106,7 +106,7 @@ class Background:
         """
         key = (level, hops, floor)
         if key not in self._travels:
-            self._travels[key] = self.travels.level(level, hops).left(self.share, floor)
+            self._travels[key] = self.travels.level(level, hops).rows.left(floor)
         return self._travels[key]
 
     def masses(self, bins: CoarseBins) -> NDArray[np.float64]:

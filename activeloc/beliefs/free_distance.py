@@ -7,7 +7,7 @@ states. They are told apart by 64-bit hashes.
 
 from __future__ import annotations
 
-from functools import cached_property
+from math import ceil
 
 import numpy as np
 from numba import njit
@@ -49,57 +49,54 @@ def _add_keys(
 
 @njit(cache=True, nogil=True)
 def _sort(
+    free: NDArray[np.uint8],
+    mask: NDArray[np.uint8],
+    keys: NDArray[np.uint64],
     sums: NDArray[np.uint64],
     place: NDArray[np.int32],
-    free: NDArray[np.uint8],
+    units: int,
     known: NDArray[np.uint64],
     number: NDArray[np.int32],
     kind: NDArray[np.int32],
     kept: NDArray[np.uint8],
+    least: NDArray[np.uint8],
+    near: NDArray[np.float32],
     cell: NDArray[np.int32],
 ) -> int:
     """Number the kinds of one heading as they come; returns how many there are.
 
     Args:
-        sums: ``(P,)``.
+        free: ``(T, S, P)`` in units.
+        mask: ``(S, P)``; all bits set where a sub-pose is open.
+        keys: ``(T, S)``.
+        sums: ``(P,)``; a key of the sub-poses that are open at each place, overwritten.
         place: ``(C,)``.
-        free: ``(T, S, P)``.
-        known: An open table, empty, overwritten, and
+        units: Free distance that is no longer near.
+        known: An open table, overwritten, and
         number: what it has, overwritten.
         kind: ``(C,)``, overwritten.
-        kept: ``(C, T S)``, overwritten with the distances of each kind, and
+        kept: ``(C, T S)``, overwritten with the distances of each kind,
+        least: ``(C,)`` with the least of them, 0 if a sub-pose is closed,
+        near: ``(C,)`` with the share of open probes that have less than ``units`` ahead, and
         cell: ``(C,)`` with the first cell of it.
     """
+    _add_keys(free, mask, keys, sums)
+    known[:] = 0
     n, n_sub = 0, free.shape[1]
     for c in range(place.shape[0]):
         at = slot_of(known, sums[place[c]])
         if known[at] == 0:
             known[at], number[at], cell[n] = sums[place[c]], n, c
+            lowest, n_near, n_open = np.uint8(255), 0, 0
             for i in range(kept.shape[1]):
-                kept[n, i] = free[i // n_sub, i % n_sub, place[c]]
+                of, is_open = free[i // n_sub, i % n_sub, place[c]], mask[i % n_sub, place[c]] != 0
+                kept[n, i], lowest = of, min(lowest, of if is_open else np.uint8(0))
+                n_open += is_open
+                n_near += is_open and of < units
+            least[n], near[n] = lowest, n_near / n_open
             n += 1
         kind[c] = number[at]
     return n
-
-
-@njit(cache=True, nogil=True)
-def _count_within(
-    free: NDArray[np.uint8], is_open: NDArray[np.bool_], units: int, held: NDArray[np.int32]
-) -> None:
-    """How many open probes of each kind ``(N,)`` have less than so many units free ahead.
-
-    Args:
-        free: ``(N, T S)`` in units.
-        is_open: ``(N, S)``.
-        units: Free distance that does not count.
-        held: Overwritten.
-    """
-    n_sub = is_open.shape[1]
-    for n in range(free.shape[0]):
-        held[n] = 0
-        for first in range(0, free.shape[1], n_sub):
-            for s in range(n_sub):
-                held[n] += is_open[n, s] and free[n, first + s] < units
 
 
 class FreeDistances:
@@ -114,6 +111,8 @@ class FreeDistances:
         units: ``(N, T S)``; distances of each kind, 255 for more. Where a sub-pose is closed it
             says nothing.
         is_open: ``(N, S)``; its open sub-poses.
+        least: ``(N,)``; least of its distances, 0 if a sub-pose is closed.
+        near: ``(N,)``; share of its open probes with less than a cell free ahead.
     """
 
     def __init__(self, grid: PoseGrid) -> None:
@@ -131,37 +130,23 @@ class FreeDistances:
             np.empty(room_for(n_cells), np.int32),
         )
         kept, cell = np.empty((n_cells, shape[0] * shape[1]), np.uint8), np.empty(n_cells, np.int32)
+        least, near = np.empty(n_cells, dtype=np.uint8), np.empty(n_cells, dtype=np.float32)
         self.kind = np.empty((grid.headings, n_cells), dtype=np.int32)
-        units, opens, self.first = [], [], np.zeros(grid.headings + 1, dtype=np.int64)
+        found, self.first = [], np.zeros(grid.headings + 1, dtype=np.int64)
+        cell_units = ceil(grid.cell_size * UNITS - 1e-9)
         for k, theta in enumerate(grid.thetas):
             for t, turn in enumerate(TURNS):
                 sweep.along(np.array([theta + turn * grid.bin_width]), free[t])
             sums[:] = which
-            _add_keys(free, mask, keys[1:], sums)
-            known[:] = 0
-            n = _sort(sums, layout.place, free, known, number, self.kind[k], kept, cell)
+            n = _sort(
+                free, mask, keys[1:], sums, layout.place, cell_units, known, number, self.kind[k],
+                kept, least, near, cell,
+            )  # fmt: skip
             self.kind[k] += self.first[k]
             self.first[k + 1] = self.first[k] + n
-            units.append(kept[:n].copy())
-            opens.append(grid.is_open[cell[:n]])
-        self.units, self.is_open = np.concatenate(units), np.concatenate(opens)
-
-    def is_free(self, units: int) -> NDArray[np.bool_]:
-        """``(N,)``; whether all sub-poses are open and so many units free ahead."""
-        is_clear: NDArray[np.bool_] = self._within(units) == 0
-        return is_clear & self._is_whole
-
-    @cached_property
-    def _is_whole(self) -> NDArray[np.bool_]:
-        result: NDArray[np.bool_] = np.all(self.is_open, axis=1)
-        return result
-
-    def _within(self, units: int) -> NDArray[np.int32]:
-        held = np.empty(len(self.units), dtype=np.int32)
-        _count_within(self.units, self.is_open, units, held)
-        return held
-
-    def share_within(self, units: int) -> NDArray[np.float64]:
-        """``(N,)``; share of each kind's open probes with less than so many units free ahead."""
-        share: NDArray[np.float64] = self._within(units) / (len(TURNS) * self.is_open.sum(axis=1))
-        return share
+            found.append(
+                (kept[:n].copy(), grid.is_open[cell[:n]], least[:n].copy(), near[:n].copy())
+            )
+        self.units, self.is_open, self.least, self.near = map(
+            np.concatenate, zip(*found, strict=True)
+        )

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.beliefs.free_distance import TURNS
+from activeloc.beliefs.free_distance import TURNS, UNITS
 from activeloc.beliefs.pose_grid import SUB, bin_centres, sub_lattice
 
 # Gauss-Hermite nodes of a standard normal variable, three of them, and their weights.
@@ -65,6 +65,9 @@ class Landings:
         start: ``(K, T S + 1)``; landings of each probe, entries of
         slot: ``(E,)`` that they fall into and
         share: ``(E,)``, summing to one for each.
+        stop: ``(K, T S, F)``; slot that each probe stands in after so many units of free distance;
+            the last where nothing stops it.
+        ends: For each heading, slots that a way may end in, ascending.
         stencil_start: ``(K + 1,)``; entries of each heading in
         stencil_step: ``(F, 2)`` of row and column steps and
         stencil_weight: ``(F,)``, summing to one for each.
@@ -74,16 +77,40 @@ class Landings:
     start: NDArray[np.int64]
     slot: NDArray[np.uint16]
     share: NDArray[np.float64]
+    stop: NDArray[np.uint16]
+    ends: list[NDArray[np.intp]]
     stencil_start: NDArray[np.int64]
     stencil_step: NDArray[np.int32]
     stencil_weight: NDArray[np.float32]
 
 
-@lru_cache(maxsize=64)
+def _stops(headings: int, cell_size: float, length: float, half: int) -> NDArray[np.uint16]:
+    """See :class:`Landings`."""
+    z = np.minimum(np.arange(min(256, ceil(length * UNITS) + 1)) / UNITS, length) / cell_size
+    angles = bin_centres(headings)[:, None] + np.array(TURNS) * (2.0 * np.pi / headings)
+    angles = angles[:, :, None, None]
+    x, y = sub_lattice().T[:, :, None]
+    row = np.floor(y + z * np.sin(angles)).astype(np.int32) + half
+    col = np.floor(x + z * np.cos(angles)).astype(np.int32) + half
+    return (row * (2 * half + 1) + col).astype(np.uint16).reshape(headings, -1, len(z))
+
+
+def _ends(
+    start: NDArray[np.int64], slot: NDArray[np.intp], stop: NDArray[np.uint16], half: int
+) -> list[NDArray[np.intp]]:
+    """See :class:`Landings`."""
+    is_end = np.zeros((len(stop), (2 * half + 1) ** 2), dtype=np.bool_)
+    is_end[:, is_end.shape[1] // 2] = True
+    for k, of in enumerate(is_end):
+        of[slot[start[k, 0] : start[k, -1]]] = of[stop[k]] = True
+    return [np.flatnonzero(of) for of in is_end]
+
+
+@lru_cache(maxsize=16)
 def landings(
     headings: int, cell_size: float, length: float, spread: float, bend: float
 ) -> Landings:
-    """Landings of a travel, kept for the 64 used last.
+    """Landings of a travel, kept for the 16 used last.
 
     Args:
         headings: K.
@@ -112,8 +139,10 @@ def landings(
     ]
     mean = window.mean(axis=1)
     heading, row, col = np.nonzero(mean)
+    stop = _stops(headings, cell_size, length, half)
     return Landings(
         half, start, slot.astype(np.uint16), window.ravel()[np.flatnonzero(window)],
+        stop, _ends(start, slot, stop, half),
         np.searchsorted(heading, np.arange(headings + 1)),
         np.column_stack([row - half, col - half]).astype(np.int32),
         mean[heading, row, col].astype(np.float32),

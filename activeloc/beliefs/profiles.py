@@ -113,7 +113,7 @@ def _assign(
         mask: ``(S, P)``; see :func:`masks`.
         place: ``(C,)``.
         first: Cell to begin with.
-        high: ``(P,)``; sum of each place's hashes, and
+        high: ``(P,)``; sum of each place's hashes, overwritten at the first cell, and
         low: ``(P,)``, its lower half.
         keys: ``(Q + 1,)``; random keys of the rounded classes.
         known: ``(2, N)``; open tables of the keys of counts and of rounded counts.
@@ -123,6 +123,8 @@ def _assign(
         row: ``(P,)``, overwritten at the cells.
     """
     n_cells, n_angles, n_sub = place.shape[0], classes.shape[0], classes.shape[1]
+    if first == 0:
+        _add_up(classes, mask, high, low)
     for c in range(first, n_cells):
         p = place[c]
         total = np.uint64(high[p]) << np.uint64(32) | np.uint64(low[p])
@@ -178,14 +180,13 @@ class Profiles:
         self._mask, self._place = masks(is_open, layout), layout.place
         self._high, self._low = np.empty((2, layout.size), dtype=np.uint32)
         self._keys = 2 * np.random.default_rng(0).integers(0, 2**63, n_classes, np.uint64) + 1
-        self._known = np.zeros((2, 1 << 12), dtype=np.uint64)
-        self._rows = np.zeros((2, 1 << 12), dtype=np.int32)
+        self._known = np.zeros((2, 1 << 14), dtype=np.uint64)
+        self._rows = np.zeros((2, 1 << 14), dtype=np.int32)
         self._profiles = np.zeros((1 << 10, n_classes), dtype=np.int32)
         self._used = np.zeros(3, dtype=np.int64)
 
     def assign(self, classes: NDArray[Any], row: NDArray[np.int32]) -> None:
         """Give every cell its row; see :func:`_assign` for the arguments."""
-        _add_up(classes, self._mask, self._high, self._low)
         first = 0
         while first < len(self._place):
             first = _assign(

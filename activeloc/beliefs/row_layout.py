@@ -12,17 +12,6 @@ from activeloc.beliefs.plane_layout import BLOCK
 
 
 @njit(cache=True, nogil=True)
-def count_entries(row: NDArray[np.int32], first: NDArray[np.int64]) -> int:
-    """How many entries all states have."""
-    n = 0
-    for k in range(row.shape[0]):
-        for c in range(row.shape[1]):
-            r = row[k, c]
-            n += first[r + 1] - first[r] if r >= 0 else 0
-    return n
-
-
-@njit(cache=True, nogil=True)
 def lay_out(
     row: NDArray[np.int32],
     place: NDArray[np.int32],
@@ -75,14 +64,3 @@ def spread(
                 for e in range(first[r], first[r + 1]):
                     out[n] = values[e]
                     n += 1
-
-
-@njit(cache=True, nogil=True)
-def expect(row: NDArray[np.int32], share: NDArray[np.float64], mass: NDArray[np.float64]) -> float:
-    """Sum over the states that have a row of its mass ``(R,)`` by their cell's share ``(C,)``."""
-    total = 0.0
-    for k in range(row.shape[0]):
-        for c in range(row.shape[1]):
-            r = row[k, c]
-            total += share[c] * mass[r] if r >= 0 else 0.0
-    return total

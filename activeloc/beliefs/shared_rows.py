@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from activeloc.beliefs import row_layout
 from activeloc.beliefs import travel_rows as kernels
-from activeloc.beliefs.free_distance import TURNS, UNITS, FreeDistances
+from activeloc.beliefs.free_distance import FreeDistances
 from activeloc.beliefs.landings import Landings
 from activeloc.beliefs.plane_layout import BLOCK, PlaneLayout
 from activeloc.beliefs.pose_grid import PoseGrid
@@ -26,25 +26,28 @@ class SharedRows:
         first: ``(R + 1,)``; entries of row r are ``first[r] : first[r + 1]`` of
         step: ``(M,)``; from the state's place to the entry's, and
         weight: ``(2, M)``: free, clipped. Summing to one per row.
+        held: ``(R,)``; sum of the open ground's shares of the cells of all states that have it.
     """
 
     row: NDArray[np.int32]
     first: NDArray[np.int64]
     step: NDArray[np.int32]
     weight: NDArray[np.float32]
+    held: NDArray[np.float64]
 
     def laid_out(self, layout: PlaneLayout) -> tuple[NDArray[np.int64], NDArray[Any], NDArray[Any]]:
         """Where the entries of each block of states start; sources and targets of all N."""
-        n = row_layout.count_entries(self.row, self.first)
+        # The number -1, of no row, is the last one: of nothing.
+        n = int(np.append(np.diff(self.first), 0)[self.row].sum())
         small = np.dtype(np.uint16 if layout.size <= 2**16 else np.uint32)
         start = np.empty(layout.headings * layout.size // BLOCK + 1, dtype=np.int64)
         source, target = np.empty(n, small), np.empty(n, small)
         row_layout.lay_out(self.row, layout.place, self.first, self.step, start, source, target)
         return start, source, target
 
-    def spread(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
+    def spread(self, values: NDArray[np.floating], n: int) -> NDArray[np.floating]:
         """``(N,)``; what each state's entries have of the rows' ``(M,)``."""
-        out = np.empty(row_layout.count_entries(self.row, self.first), dtype=values.dtype)
+        out = np.empty(n, dtype=values.dtype)
         row_layout.spread(self.row, self.first, values, out)
         return out
 
@@ -53,10 +56,11 @@ class SharedRows:
         result: NDArray[np.float64] = self.weight[0] + floor * self.weight[1].astype(np.float64)
         return result
 
-    def left(self, share: NDArray[np.float64], floor: float) -> float:
-        """Sum of what states that hold the share ``(C,)`` of their cell send off."""
+    def left(self, floor: float) -> float:
+        """Mass that the travel leaves of the uniform belief over the open ground."""
         mass = np.add.reduceat(self.mixed(floor), self.first[:-1])
-        return float(row_layout.expect(self.row, share, mass))
+        # A state without a row is open ground, whose stencil sums to one.
+        return 1.0 - float(self.held @ (1.0 - mass)) / len(self.row)
 
 
 class RowBuilder:
@@ -66,7 +70,6 @@ class RowBuilder:
         grid: Cells and headings.
         free: Its free distances.
         lands: Where the travel ends on open ground.
-        length: Of the travel [cell].
         p_free: ``(256,)``; probability that the way was open, by free distance in units.
         is_safe: For each kind of free distances, whether all ways are open without doubt.
 
@@ -80,41 +83,37 @@ class RowBuilder:
         grid: PoseGrid,
         free: FreeDistances,
         lands: Landings,
-        length: float,
         p_free: NDArray[np.float64],
         is_safe: NDArray[np.bool_],
     ) -> None:
         self._layout, self._free, self._lands = PlaneLayout(grid), free, lands
         half, n_cells = lands.half, len(grid.cells)
+        self._shape = grid.shape
         self._exists = np.pad((grid.index >= 0).astype(np.uint8), half)
         self._corner = (grid.cells @ (self._exists.shape[1], 1)).astype(np.int64)
         n_slots, room = (2 * half + 1) ** 2, room_for(n_cells)
         self._keys = 2 * np.random.default_rng(0).integers(0, 2**63, n_slots, np.uint64) + 1
         self._known, self._number = np.empty(room, np.uint64), np.empty(room, np.int32)
-        self._stencil, self._around = (
-            np.empty(grid.shape, np.uint8),
-            np.empty(grid.shape, np.uint64),
-        )
+        self._share = grid.area / grid.area.sum()
         self._row = np.empty((grid.headings, n_cells), dtype=np.int32)
         self.plain = np.zeros((grid.headings, self._layout.size), dtype=np.uint8)
-        reach = np.array([1.0 / UNITS / grid.cell_size, length])
-        turns = np.array(TURNS) * grid.bin_width
-        stops = kernels.find_stops(grid.lattice, grid.thetas, turns, reach, half)
-        ends = [kernels.ends_of(self._of(k)[1], stop, half) for k, stop in enumerate(stops)]
-        room = n_cells * max(len(slots) for slots in ends)
+        room = n_cells * max(len(slots) for slots in lands.ends)
         self._cell, self._first = np.empty(n_cells, np.int32), np.empty(n_cells, np.int64)
+        self._held = np.empty(n_cells)
         self._step, self._weight = np.empty(room, np.int32), np.empty((2, room), np.float32)
-        firsts, steps, weights, n_rows, n = [], [], [], 0, 0
-        for k, stop in enumerate(stops):
-            n_new = self._sort(k, ends[k], is_safe, n_rows)
-            n_entries = self._fill(k, n_new, stop, ends[k], p_free)
+        firsts, steps, weights, helds, n_rows, n = [], [], [], [], 0, 0
+        for k in range(grid.headings):
+            n_new = self._sort(k, is_safe)
+            n_entries = self._fill(k, n_new, p_free)
+            self._row[k] += np.where(self._row[k] >= 0, np.int32(n_rows), np.int32(0))
             firsts.append(self._first[:n_new] + n)
             steps.append(self._step[:n_entries].copy())
             weights.append(self._weight[:, :n_entries].copy())
+            helds.append(self._held[:n_new].copy())
             n_rows, n = n_rows + n_new, n + n_entries
         self.rows = SharedRows(
             self._row, np.append(np.concatenate(firsts), n), np.concatenate(steps),
-            np.concatenate(weights, axis=1),
+            np.concatenate(weights, axis=1), np.concatenate(helds),
         )  # fmt: skip
 
     def _of(self, k: int) -> tuple[NDArray[np.int64], NDArray[np.uint16], NDArray[np.float64]]:
@@ -123,36 +122,24 @@ class RowBuilder:
         of = slice(start[0], start[-1])
         return start - start[0], self._lands.slot[of], self._lands.share[of]
 
-    def _sort(
-        self, k: int, ends: NDArray[np.int64], is_safe: NDArray[np.bool_], n_before: int
-    ) -> int:
-        """Number the rows of heading k from ``n_before`` on; returns how many there are."""
-        of = slice(*self._lands.stencil_start[k : k + 2])
-        kernels.look_around(
-            self._exists, self._lands.stencil_step[of], ends, self._keys, self._stencil,
-            self._around,
-        )  # fmt: skip
-        self._known[:] = 0
+    def _sort(self, k: int, is_safe: NDArray[np.bool_]) -> int:
+        """Number the rows of heading k; returns how many there are."""
+        lands, (rows, cols) = self._lands, self._shape
+        plain = self.plain[k, : rows * cols].reshape(rows, cols)
         n: int = kernels.sort_states(
-            self._free.kind[k], is_safe, self._layout.place, self._stencil.ravel(),
-            self._around.ravel(), self._known, self._number, n_before, self._row[k], self.plain[k],
-            self._cell,
+            self._free.kind[k], is_safe, self._layout.place, self._share, self._exists,
+            lands.stencil_step[slice(*lands.stencil_start[k : k + 2])], lands.ends[k], self._keys,
+            self._known, self._number, self._row[k], plain,
+            self._cell, self._held,
         )  # fmt: skip
         return n
 
-    def _fill(
-        self,
-        k: int,
-        n: int,
-        stop: NDArray[np.uint16],
-        ends: NDArray[np.int64],
-        p_free: NDArray[np.float64],
-    ) -> int:
+    def _fill(self, k: int, n: int, p_free: NDArray[np.float64]) -> int:
         """Work out n rows of heading k; returns how many entries they have."""
-        free, cell = self._free, self._cell[:n]
+        free, lands, cell = self._free, self._lands, self._cell[:n]
         n_entries: int = kernels.fill_rows(
             free.units, free.is_open, free.kind[k, cell], self._corner[cell], self._exists,
-            self._lands.half, *self._of(k), stop, ends, p_free, self._first, self._step,
-            self._weight,
+            lands.half, *self._of(k), lands.stop[k], lands.ends[k], p_free, self._first,
+            self._step, self._weight,
         )  # fmt: skip
         return n_entries

@@ -49,13 +49,13 @@ class Travel:
         """``(N,)``; weights where ways that an obstacle cuts short count ``floor``."""
         if (floor, precision) not in self._mixed:
             mixed = self.rows.mixed(floor).astype(precision)
-            self._mixed[floor, precision] = self.rows.spread(mixed)
+            self._mixed[floor, precision] = self.rows.spread(mixed, len(self.source))
         return self._mixed[floor, precision]
 
     @property
     def weight(self) -> NDArray[np.floating]:
         """``(2, N)``: free, clipped. Summing to one per row."""
-        return np.stack([self.rows.spread(of) for of in self.rows.weight])
+        return np.stack([self.rows.spread(of, len(self.source)) for of in self.rows.weight])
 
     @property
     def row_start(self) -> NDArray[np.int64]:
@@ -99,9 +99,3 @@ class Travel:
         low = np.minimum(np.minimum.reduceat(self.stencil_step, at), 0) - 1
         high = np.maximum(np.maximum.reduceat(self.stencil_step, at), 0) + 1
         return np.column_stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]])
-
-    def left(self, share: NDArray[np.float64], floor: float) -> float:
-        """Mass that the travel leaves of a belief, in every heading the same ``(C,)``, sum one."""
-        # A state without a row is open ground, whose stencil sums to one.
-        plain = (self.rows.row < 0).sum(axis=0)
-        return float(share @ plain + self.rows.left(share, floor)) / self.layout.headings

@@ -5,8 +5,6 @@ and from which cells around it exist. States that have both in common share one 
 out once. Windows and their slots are those of :mod:`activeloc.beliefs.landings`.
 """
 
-from math import erf, sqrt
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -17,69 +15,7 @@ LANES = 64  # Rows that are worked out side by side.
 
 
 @njit(cache=True, nogil=True)
-def open_chance(unit: float, threshold: float, spread: float, safe: float) -> NDArray[np.float64]:
-    """``(256,)``; probability that a way was open whose free distance is so many units.
-
-    Args:
-        unit: Its length, and that of
-        threshold: the free distance that is as likely open as not,
-        spread: its standard deviation, and
-        safe: a free distance with no doubt open.
-    """
-    p = np.ones(256)
-    for f in range(256):
-        if f * unit < safe:
-            x = (f * unit - threshold) / (spread * sqrt(2.0))
-            p[f] = 0.5 * (1.0 + erf(x)) if x > -4.5 else 0.0  # 1e-10
-    return p
-
-
-@njit(cache=True, nogil=True)
-def find_stops(
-    lattice: NDArray[np.float64],
-    thetas: NDArray[np.float64],
-    turns: NDArray[np.float64],
-    reach: NDArray[np.float64],
-    half: int,
-) -> NDArray[np.uint16]:
-    """``(K, T S, F)``; slot where each probe stands after its free distance [unit] or the travel.
-
-    Args:
-        lattice: ``(S, 2)`` of offsets of the sub-poses [cell].
-        thetas: ``(K,)``.
-        turns: ``(T,)``; headings of the probes, relative to these.
-        reach: Length of a unit, and of the travel [cell]; F is as many units as that and one.
-        half: R.
-    """
-    longest, n_sub = min(256, int(np.ceil(reach[1] / reach[0])) + 1), lattice.shape[0]
-    stop = np.empty((thetas.shape[0], turns.shape[0] * n_sub, longest), dtype=np.uint16)
-    for k in range(thetas.shape[0]):
-        for t in range(turns.shape[0]):
-            dx, dy = np.cos(thetas[k] + turns[t]), np.sin(thetas[k] + turns[t])
-            for s in range(n_sub):
-                for f in range(longest):
-                    z = min(f * reach[0], reach[1])
-                    row = int(np.floor(lattice[s, 1] + z * dy)) + half
-                    col = int(np.floor(lattice[s, 0] + z * dx)) + half
-                    stop[k, t * n_sub + s, f] = row * (2 * half + 1) + col
-    return stop
-
-
-@njit(cache=True, nogil=True)
-def ends_of(slot: NDArray[np.uint16], stop: NDArray[np.uint16], half: int) -> NDArray[np.int64]:
-    """Slots that a way of one heading may end in, ascending; see :func:`fill_rows`."""
-    is_end = np.zeros((2 * half + 1) ** 2, dtype=np.bool_)
-    is_end[is_end.shape[0] // 2] = True
-    for e in range(slot.shape[0]):
-        is_end[slot[e]] = True
-    for i in range(stop.shape[0]):
-        for f in range(stop.shape[1]):
-            is_end[stop[i, f]] = True
-    return np.flatnonzero(is_end)
-
-
-@njit(cache=True, nogil=True)
-def look_around(
+def _look_around(
     exists: NDArray[np.uint8],
     steps: NDArray[np.int32],
     ends: NDArray[np.int64],
@@ -118,14 +54,17 @@ def sort_states(
     kind: NDArray[np.int32],
     is_safe: NDArray[np.bool_],
     place: NDArray[np.int32],
-    lands: NDArray[np.uint8],
-    around: NDArray[np.uint64],
+    share: NDArray[np.float64],
+    exists: NDArray[np.uint8],
+    steps: NDArray[np.int32],
+    ends: NDArray[np.int64],
+    keys: NDArray[np.uint64],
     known: NDArray[np.uint64],
     number: NDArray[np.int32],
-    n_before: int,
     row: NDArray[np.int32],
     plain: NDArray[np.uint8],
     cell: NDArray[np.int32],
+    held: NDArray[np.float64],
 ) -> int:
     """Tell open ground from states beside obstacles, one heading's, and number the rows of these.
 
@@ -133,30 +72,39 @@ def sort_states(
         kind: ``(C,)``; of each state's free distances.
         is_safe: For each kind, whether all its ways are open without doubt.
         place: ``(C,)``.
-        lands: ``(P,)``; see :func:`look_around`.
-        around: ``(P,)``.
-        known: An open table, empty, overwritten, and
+        share: ``(C,)``; of the open ground.
+        exists: See :func:`_look_around`, also for
+        steps: the stencil's,
+        ends: slots, and
+        keys: theirs.
+        known: An open table, overwritten, and
         number: what it has, overwritten.
-        n_before: First number of a row.
         row: ``(C,)``, overwritten; -1 on open ground.
-        plain: ``(P,)``, zeros, overwritten with 1 on open ground.
-        cell: ``(C,)``, overwritten with the first cell of each row.
+        plain: ``(rows, cols)``, zeros, overwritten with 1 on open ground.
+        cell: ``(C,)``, overwritten with the first cell of each row, and
+        held: ``(C,)`` with the share of the states that have it.
 
     Returns:
         How many rows there are.
     """
+    around = np.empty(plain.shape, dtype=np.uint64)
+    lands = np.empty(plain.shape, dtype=np.uint8)
+    _look_around(exists, steps, ends, keys, lands, around)
+    sums, stencil, is_plain = around.ravel(), lands.ravel(), plain.ravel()
+    known[:] = 0
     n = 0
     for c in range(place.shape[0]):
         p = place[c]
-        if is_safe[kind[c]] and lands[p] != 0:
-            row[c], plain[p] = -1, 1
+        if is_safe[kind[c]] and stencil[p] != 0:
+            row[c], is_plain[p] = -1, 1
             continue
-        key = around[p] ^ (np.uint64(kind[c] + 1) * np.uint64(0x9E3779B97F4A7C15))
+        key = sums[p] ^ (np.uint64(kind[c] + 1) * np.uint64(0x9E3779B97F4A7C15))
         at = slot_of(known, key)
         if known[at] == 0:
-            known[at], number[at], cell[n] = key, n, c
+            known[at], number[at], cell[n], held[n] = key, n, c, 0.0
             n += 1
-        row[c] = n_before + number[at]
+        row[c] = number[at]
+        held[number[at]] += share[c]
     return n
 
 

@@ -12,12 +12,11 @@ Travels come in steps of half a cell (*levels*); the filter carries the remainde
 from __future__ import annotations
 
 from functools import cached_property
-from math import ceil, sqrt
+from math import ceil, erf, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activeloc.beliefs import travel_rows as kernels
 from activeloc.beliefs.free_distance import UNITS, FreeDistances
 from activeloc.beliefs.landings import landings
 from activeloc.beliefs.plane_layout import PlaneLayout
@@ -51,8 +50,7 @@ class TravelTable:
     def near(self) -> NDArray[np.float32]:
         """``(K * P,)``; share of each state's probes with an obstacle within a cell ahead."""
         near = np.zeros((self.grid.headings, self.layout.size), dtype=np.float32)
-        share = self.free.share_within(ceil(self.grid.cell_size * UNITS - 1e-9))
-        near[:, self.layout.place] = share.astype(np.float32)[self.free.kind]
+        near[:, self.layout.place] = self.free.near[self.free.kind]
         return near.ravel()
 
     @property
@@ -83,10 +81,27 @@ class TravelTable:
         lands = landings(grid.headings, grid.cell_size, length, spread, bend)
         # A travel is rounded to its level, so a way that is half a level short may have been open.
         longest = length + 3.0 * spread
-        p_free = kernels.open_chance(1.0 / UNITS, length - self.step / 2.0, spread, longest)
-        is_safe = self.free.is_free(min(255, ceil(longest * UNITS - 1e-9)))
-        built = RowBuilder(grid, self.free, lands, length / grid.cell_size, p_free, is_safe)
+        p_free = _open_chance(1.0 / UNITS, length - self.step / 2.0, spread, longest)
+        is_safe = self.free.least >= min(255, ceil(longest * UNITS - 1e-9))
+        built = RowBuilder(grid, self.free, lands, p_free, is_safe)
         return Travel(
             lands.stencil_start, lands.stencil_step, lands.stencil_weight,
             *built.rows.laid_out(self.layout), built.rows, built.plain.ravel(), self.layout,
         )  # fmt: skip
+
+
+def _open_chance(unit: float, threshold: float, spread: float, safe: float) -> NDArray[np.float64]:
+    """``(256,)``; probability that a way was open whose free distance is so many units.
+
+    Args:
+        unit: Its length, and that of
+        threshold: the free distance that is as likely open as not,
+        spread: its standard deviation, and
+        safe: a free distance with no doubt open.
+    """
+    p = np.ones(256)
+    for f in range(256):
+        if f * unit < safe:
+            x = (f * unit - threshold) / (spread * sqrt(2.0))
+            p[f] = 0.5 * (1.0 + erf(x)) if x > -4.5 else 0.0  # 1e-10
+    return p
