@@ -70,9 +70,9 @@ class CommonBins:
         _index(poses, self.origin, self.size, self.angle, (*self.shape, self.n_headings), out)
         return out
 
-    def centres(self, index: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Centre pose ``(N, 3)`` of bins given by flat index."""
-        place, heading = np.divmod(index, self.n_headings)
-        row, col = np.divmod(place, self.shape[1])
-        xy = (np.column_stack([col, row]) + 0.5) * self.size + self.origin
-        return np.column_stack([xy, -np.pi + (heading + 0.5) * self.angle])
+    def centre(self, index: int) -> NDArray[np.float64]:
+        """Pose ``(3,)`` in the middle of the bin with this flat index."""
+        place, heading = divmod(int(index), self.n_headings)
+        row, col = divmod(place, self.shape[1])
+        x, y = self.origin[0] + (col + 0.5) * self.size, self.origin[1] + (row + 0.5) * self.size
+        return np.array([x, y, -np.pi + (heading + 0.5) * self.angle])

@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from activeloc.beliefs.particle_motion import wrapped
-from activeloc.beliefs.sample_size import effective_states
+from activeloc.beliefs.sample_size import effective_states, power_of
 
 
 @njit(cache=True, nogil=True)
@@ -195,7 +195,7 @@ def allocate(
         return 0.0, 0.0, 0.0
     p = masses / total
     for j in range(masses.shape[0]):
-        factor[j] = masses[j] ** (power - 1.0) if masses[j] > 0.0 else 0.0
+        factor[j] = power_of(masses[j], power) / masses[j] if masses[j] > 0.0 else 0.0
     return total, wheel_of(weights, index, factor, wheel), effective_states(p, power)
 
 

@@ -126,35 +126,6 @@ def turn(
 
 
 @njit(cache=True, nogil=True)
-def travel(
-    squares: NDArray[np.uint8],
-    frame: NDArray[np.float64],
-    x: float,
-    y: float,
-    heading: float,
-    wanted: float,
-) -> tuple[float, float, float]:
-    """Where a particle gets that drives ``wanted`` [m], and the length of the way there [m].
-
-    Args:
-        squares: ``(4, H + 2, W + 2)``; of the cells that are open to the robot's centre.
-        frame: Of the map.
-        x: Where it stands [m].
-        y: [m].
-        heading: [rad].
-        wanted: Backwards if negative [m].
-    """
-    cos, sin = unit(heading)
-    sign = 1.0 if wanted >= 0.0 else -1.0
-    dx, dy = sign * cos, sign * sin
-    col, row = (x - frame[0]) * frame[2], (y - frame[1]) * frame[2]
-    length = free_way(squares, col, row, dx, dy, abs(wanted) * frame[2])
-    per_cell = 1.0 / frame[2]
-    x, y = frame[0] + (col + length * dx) * per_cell, frame[1] + (row + length * dy) * per_cell
-    return x, y, length * per_cell
-
-
-@njit(cache=True, nogil=True)
 def set_out(
     frame: NDArray[np.float64],
     x: float,
@@ -209,6 +180,23 @@ def list_stopped(
 
 
 @njit(cache=True, nogil=True)
+def shorten(
+    squares: NDArray[np.uint8], ways: NDArray[np.float64], stopped: NDArray[np.int64]
+) -> None:
+    """Cut ways ``(n, 6)`` short where an obstacle stops them.
+
+    Args:
+        squares: ``(4, H + 2, W + 2)``; of the cells that are open to the robot's centre.
+        ways: See :func:`set_out`; their free lengths are overwritten.
+        stopped: ``(>= n,)``, overwritten.
+    """
+    for m in range(list_stopped(squares, ways, stopped)):
+        k = stopped[m]
+        col, row, dx, dy, wanted = ways[k, 0], ways[k, 1], ways[k, 2], ways[k, 3], ways[k, 4]
+        ways[k, 5] = free_way(squares, col, row, dx, dy, wanted)
+
+
+@njit(cache=True, nogil=True)
 def drive(
     squares: NDArray[np.uint8],
     frame: NDArray[np.float64],
@@ -245,10 +233,7 @@ def drive(
             wanted = u[1] + sigma[1] * normals[noise[i, 1]]
             set_out(frame, poses[i, 0], poses[i, 1], heading, wanted, way[k])
             poses[i, 2] = wrapped(heading + u[2] + sigma[2] * normals[noise[i, 2]])
-        for m in range(list_stopped(squares, way[:n], stopped)):
-            k = stopped[m]
-            col, row, dx, dy, wanted = way[k, 0], way[k, 1], way[k, 2], way[k, 3], way[k, 4]
-            way[k, 5] = free_way(squares, col, row, dx, dy, wanted)
+        shorten(squares, way[:n], stopped)
         for k in range(n):
             i, length = first + k, way[k, 5]
             poses[i, 0] = frame[0] + (way[k, 0] + length * way[k, 2]) * per_cell
@@ -282,14 +267,22 @@ def slip(
         poses: ``(N, 3)``, overwritten at ``slipping``.
         log_w: ``(N,)``, overwritten at ``slipping``.
     """
-    for k in range(slipping.shape[0]):
-        i = slipping[k]
-        rot1, trans = slipped(u, uniforms[k, 0], uniforms[k, 1])
-        heading = wrapped(before[k, 2] + rot1)
-        x, y, _ = travel(squares, frame, before[k, 0], before[k, 1], heading, trans)
-        poses[i, 0], poses[i, 1] = x, y
-        poses[i, 2] = wrapped(heading + u[2])
-        log_w[i] = weighed[k]
+    way, stopped = np.empty((BLOCK, 6)), np.empty(BLOCK, dtype=np.int64)
+    per_cell = 1.0 / frame[2]
+    for first in range(0, slipping.shape[0], BLOCK):
+        n = min(BLOCK, slipping.shape[0] - first)
+        for k in range(n):
+            j = first + k
+            rot1, trans = slipped(u, uniforms[j, 0], uniforms[j, 1])
+            heading = wrapped(before[j, 2] + rot1)
+            set_out(frame, before[j, 0], before[j, 1], heading, trans, way[k])
+            poses[slipping[j], 2] = wrapped(heading + u[2])
+            log_w[slipping[j]] = weighed[j]
+        shorten(squares, way[:n], stopped)
+        for k in range(n):
+            i, length = slipping[first + k], way[k, 5]
+            poses[i, 0] = frame[0] + (way[k, 0] + length * way[k, 2]) * per_cell
+            poses[i, 1] = frame[1] + (way[k, 1] + length * way[k, 3]) * per_cell
 
 
 @njit(cache=True, nogil=True)
@@ -311,10 +304,13 @@ def touch(
         log_w: ``(N,)``, overwritten.
         log_floor: Added where there is none.
     """
-    wanted = reach * frame[2]
-    for i in range(poses.shape[0]):
-        col = (poses[i, 0] - frame[0]) * frame[2]
-        row = (poses[i, 1] - frame[1]) * frame[2]
-        dx, dy = unit(poses[i, 2])
-        if free_way(squares, col, row, dx, dy, wanted) >= wanted:
-            log_w[i] += log_floor
+    way, stopped = np.empty((BLOCK, 6)), np.empty(BLOCK, dtype=np.int64)
+    for first in range(0, poses.shape[0], BLOCK):
+        n = min(BLOCK, poses.shape[0] - first)
+        for k in range(n):
+            i = first + k
+            set_out(frame, poses[i, 0], poses[i, 1], poses[i, 2], reach, way[k])
+        shorten(squares, way[:n], stopped)
+        for k in range(n):
+            if way[k, 5] >= way[k, 4]:
+                log_w[first + k] += log_floor

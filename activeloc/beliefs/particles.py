@@ -234,7 +234,7 @@ class ParticleBelief:
         """See :class:`Belief`."""
         cloud = self._cloud(robot)
         best, entropy = peak(*cloud.binned())
-        pose = cloud.ground.bins.centres(np.array([best]))[0]
+        pose = cloud.ground.bins.centre(best)
         mass = localise(cloud.poses, cloud.normalised(), pose, NEAR_RADIUS, NEAR_ANGLE, 3)
         return Summary(entropy, cloud.ground.uniform_entropy, pose, min(1.0, mass))
 

@@ -34,6 +34,12 @@ def wilson_hilferty(k: int, z: float, error: float) -> float:
 
 
 @njit(cache=True, nogil=True)
+def power_of(p: float, order: float) -> float:
+    """``p ** order``; a square root, where that is meant, takes a tenth of the time."""
+    return np.sqrt(p) if order == 0.5 else p**order
+
+
+@njit(cache=True, nogil=True)
 def effective_states(p: NDArray[np.float64], order: float = 1.0) -> float:
     """Exp of Rényi's entropy of an order in (0, 1]; at 1 it is Shannon's.
 
@@ -45,7 +51,7 @@ def effective_states(p: NDArray[np.float64], order: float = 1.0) -> float:
             if order == 1.0:
                 shannon -= p[k] * np.log(p[k])
             else:
-                powers += p[k] ** order
+                powers += power_of(p[k], order)
     return np.exp(shannon) if order == 1.0 else powers ** (1.0 / (1.0 - order))
 
 
