@@ -17,6 +17,7 @@ from activeloc.benchmarks.report import Absent, Row, at_most
 from activeloc.benchmarks.settings import Settings
 from activeloc.envs.localization import LocalizationEnv
 from activeloc.range_table import RangeTable
+from activeloc.sensors.readings import widened
 
 MAZE, METRIC = "activeloc/Maze21-v0", "activeloc/GlobalLocalization-v0"
 STATUS = Path("/proc/self/statm")
@@ -75,7 +76,8 @@ def _tables(office: str) -> Iterator[Row]:
     env.reset(seed=0)
     config: Any = env.config
     grid = env.grid
-    tables = tables_of(grid, HistogramConfig(), config.sensor, config.motion)
+    assumed = widened(config.sensor, HistogramConfig().sigma_factor)
+    tables = tables_of(grid, HistogramConfig(), assumed, config.motion)
     env.step(2)  # Which makes the travel's transition.
     note = f"{tables.uniform.size:,} states of {grid.name}, {grid.shape[0]} x {grid.shape[1]} cells"
     held = 1e-6 * bytes_of(tables)
