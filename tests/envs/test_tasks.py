@@ -35,7 +35,7 @@ HALL = from_text(
 )
 BELIEFS = {
     "histogram": {"kind": "histogram", "cell_size": 0.25, "headings": 36},
-    "particles": {"kind": "particles", "n_min": 200, "n_max": 500},
+    "particles": {"kind": "particles", "n_min": 1_000, "n_max": 2_000},
 }
 IDS = sorted(id for id in gym.registry if id.startswith("activeloc/") and "Maze" not in id)
 GLOBAL = "activeloc/GlobalLocalization-v0"
