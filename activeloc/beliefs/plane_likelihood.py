@@ -102,6 +102,18 @@ def _scale(
 
 
 @njit(cache=True, nogil=True)
+def _directions(
+    n_headings: int, n_directions: int, per_heading: int, offsets: NDArray[np.int32]
+) -> NDArray[np.int64]:
+    """``(K, A)``; along which direction each heading's beams look."""
+    out = np.empty((n_headings, offsets.shape[0]), dtype=np.int64)
+    for k in range(n_headings):
+        for b in range(offsets.shape[0]):
+            out[k, b] = (k * per_heading + offsets[b]) % n_directions
+    return out
+
+
+@njit(cache=True, nogil=True)
 def multiply(
     values: NDArray[np.float32],
     runs: NDArray[np.int32],
@@ -156,6 +168,7 @@ def multiply(
     known, strips = np.full(n_slots, -1, dtype=np.int32), 0
     by, sums = np.empty(n_slots * int(strip), dtype=values.dtype), np.zeros(CHUNK)
     where, factor = np.empty(n_beams, dtype=np.uint64), values.dtype.type(scale)
+    directions = _directions(n_headings, n_directions, per_heading, offsets)
     for t in range(tiles.shape[0]):
         first, n_rows = turn_tile(values, size, tiles[t], alive[t], turning, scratch)
         of, length = scratch.turned, np.uint64(tiles[t, 1] - tiles[t, 0])
@@ -166,12 +179,11 @@ def multiply(
                 at = np.uint64(i) * length + begin
                 if holds(of, at, wide):
                     for b in range(n_beams):
-                        direction = (k * per_heading + offsets[b]) % n_directions
-                        slot = which[b] * n_directions + direction
-                        where[b] = np.uint64(slot) * strip
+                        slot = np.uint64(which[b] * n_directions + directions[k, b])
+                        where[b] = slot * strip
                         if known[slot] != strips:
                             known[slot] = strips
-                            here = np.uint64(direction * size + tiles[t, 0]) + begin
+                            here = np.uint64(directions[k, b] * size + tiles[t, 0]) + begin
                             _look_up(row, here, p[readings[b]], by, where[b], wide)
                     # Loops of a known length are twice as fast where they are short.
                     if wide == BLOCK:
