@@ -210,7 +210,8 @@ def test_a_resolution_that_is_none_is_refused(name, value):
 
 @pytest.mark.parametrize("kind", ["histogram", "particles"])
 def test_the_egocentric_view_is_there_for_the_asking(kind):
-    settings = {"cell_size": 0.25, "headings": 36} if kind == "histogram" else {"n_min": 2_000, "n_max": 6_000}
+    grid, cloud = {"cell_size": 0.25, "headings": 36}, {"n_min": 2_000, "n_max": 6_000}
+    settings = grid if kind == "histogram" else cloud
     env = LocalizationEnv(
         map=GRID, belief={"kind": kind, **settings}, observation={"view": True, "radius": 3}
     )
