@@ -10,9 +10,11 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from activeloc.beliefs.grid_tables import tables_of
+from activeloc.beliefs.grid_tables import GridTables
 from activeloc.beliefs.histogram import HistogramConfig
 from activeloc.beliefs.particles import ParticleConfig
+from activeloc.beliefs.plane_belief import PlaneBelief
+from activeloc.beliefs.track import Track
 from activeloc.benchmarks.report import Absent, Row, at_most
 from activeloc.benchmarks.settings import Settings
 from activeloc.envs.localization import LocalizationEnv
@@ -74,15 +76,16 @@ def _tables(office: str) -> Iterator[Row]:
     """What robots on one map share."""
     env = LocalizationEnv(map=office)
     env.reset(seed=0)
-    config: Any = env.config
-    grid = env.grid
-    assumed = widened(config.sensor, HistogramConfig().sigma_factor)
-    tables = tables_of(grid, HistogramConfig(), assumed, config.motion)
-    env.step(2)  # Which makes the travel's transition.
+    given: Any = env.config
+    config, grid = HistogramConfig(), env.grid
+    # Of its own: on those that are shared, other subjects have left what they needed.
+    tables = GridTables(grid, config, widened(given.sensor, config.sigma_factor), given.motion)
+    track = Track(tables, config, PlaneBelief(tables, tables.uniform_planes))
+    track.predict(np.array([0.0, 0.5, 0.0]), given.motion.odometry, touched=False)
     note = f"{tables.uniform.size:,} states of {grid.name}, {grid.shape[0]} x {grid.shape[1]} cells"
     held = 1e-6 * bytes_of(tables)
     yield Row.of("memory", "tables of a map, histogram", "MB", held, note=note)
-    ranges = RangeTable(grid, config.sensor.z_max, ParticleConfig().directions)
+    ranges = RangeTable(grid, given.sensor.z_max, ParticleConfig().directions)
     note = "pages are taken as they are filled"
     yield Row.of("memory", "table of ranges", "MB", 1e-6 * bytes_of(ranges), note=note)
 
