@@ -65,6 +65,19 @@ def heading_of(theta: float, n_directions: int) -> np.uint32:
 
 
 @njit(cache=True, nogil=True)
+def ahead_of(theta: float, per_radian: float, circle: np.uint32) -> np.uint32:
+    """:func:`heading_of` for many: a heading in [-pi, pi), counted from -pi.
+
+    Args:
+        theta: [rad].
+        per_radian: Directions in fixed point.
+        circle: All of them.
+    """
+    ahead = np.uint32(int((theta + np.pi) * per_radian) + (1 << (POINT - 1)))
+    return np.uint32(min(ahead, np.uint32(ahead - circle)))
+
+
+@njit(cache=True, nogil=True)
 def direction_of(ahead: np.uint32, offset: np.uint32, circle: np.uint32) -> np.uint32:
     """The direction of a beam: heading and bearing added; see :func:`directions_of`."""
     turned = np.uint32(ahead + offset)

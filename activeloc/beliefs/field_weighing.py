@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from activeloc.beliefs.particle_motion import unit
 from activeloc.grid import OccupancyGrid
-from activeloc.range_table import POINT, cell_of, direction_of, directions_of
+from activeloc.range_table import POINT, ahead_of, cell_of, direction_of, directions_of
 from activeloc.sensors import LikelihoodField
 from activeloc.sensors.field_table import BIAS, OFFSET, SIZE, FieldTable, sum_along
 
@@ -137,7 +137,7 @@ def weigh_by_field(
     """
     n_directions, n_beams = total.shape[1], bearings.shape[0]
     circle, flat = np.uint32(n_directions << POINT), near.reshape(-1)
-    per_radian, half = n_directions / (2.0 * np.pi) * (1 << POINT), (1 << POINT) // 2
+    per_radian = n_directions / (2.0 * np.pi) * (1 << POINT)
     offset, cells = np.empty(n_beams, dtype=np.uint32), np.empty(n_beams, dtype=np.int32)
     directions = np.empty(n_beams, dtype=np.uint32)
     own = np.empty(n_directions, dtype=np.uint16)
@@ -148,8 +148,7 @@ def weigh_by_field(
         i = np.uint64(each)
         col, row = (poses[i, 0] - frame[0]) * frame[2], (poses[i, 1] - frame[1]) * frame[2]
         end_cells(col + 1.0, row + 1.0, unit(poses[i, 2]), ends, near.shape, cells)
-        ahead = np.uint32(int((poses[i, 2] + np.pi) * per_radian) + half)
-        ahead = np.uint32(min(ahead, np.uint32(ahead - circle)))
+        ahead = ahead_of(poses[i, 2], per_radian, circle)
         for b in range(n_beams):
             directions[b] = direction_of(ahead, offset[b], circle)
         block = blocks[i]

@@ -7,7 +7,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from activeloc.range_levels import LEVELS
-from activeloc.range_table import POINT, cast_missing, cell_of, direction_of, directions_of
+from activeloc.range_table import (
+    POINT,
+    ahead_of,
+    cast_missing,
+    cell_of,
+    direction_of,
+    directions_of,
+)
 from activeloc.raycast import cast_beams
 
 BLOCK = 128  # Particles that are weighed together.
@@ -32,12 +39,11 @@ def locate(
         row: ``(>= n,)``, overwritten with where the cell's row begins; -1 where it is not free.
         ahead: ``(>= n,)``, overwritten with the heading; see :func:`directions_of`.
     """
-    circle = n_directions << POINT
-    per_radian, half = n_directions / (2.0 * np.pi) * (1 << POINT), (1 << POINT) // 2
+    circle = np.uint32(n_directions << POINT)
+    per_radian = n_directions / (2.0 * np.pi) * (1 << POINT)
     for i in range(poses.shape[0]):
         row[i] = cell_of(index, frame, poses[i, 0], poses[i, 1])[0] * n_directions
-        turned = int((poses[i, 2] + np.pi) * per_radian) + half
-        ahead[i] = turned - (circle if turned >= circle else 0)
+        ahead[i] = ahead_of(poses[i, 2], per_radian, circle)
 
 
 @njit(cache=True, nogil=True)
