@@ -53,11 +53,9 @@ def take_in(
 
     Returns:
         The scan's log-evidence, and what it would be if nobody could be carried off; -inf if
-        nothing explains it, 0 if no reading counts.
+        nothing explains it.
     """
     cloud.normalised()
-    if not scan.weights.any():
-        return 0.0, 0.0
     before, poses, log_new, log_stay = cloud.log_total, np.empty((0, 3)), -inf, 0.0
     top = float(log_w.max())
     w = np.exp(log_w - top) if top > -inf else np.zeros_like(log_w)

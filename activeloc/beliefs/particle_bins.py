@@ -15,23 +15,37 @@ from activeloc.beliefs.particle_motion import wrapped
 from activeloc.beliefs.sample_size import effective_states, power_of
 
 
+BLOCK = 256  # Particles whose bins are worked out together.
+
+
 @njit(cache=True, nogil=True)
-def bin_of(
-    x: float, y: float, theta: float, corner: NDArray[np.float64], shape: tuple[int, int, int]
-) -> int:
-    """Flat bin (row, column, heading) of a pose; off the bins, the nearest at the edge.
+def bins_of(
+    poses: NDArray[np.float64],
+    first: int,
+    n: int,
+    corner: NDArray[np.float64],
+    shape: tuple[int, int, int],
+    out: NDArray[np.int32],
+) -> None:
+    """Flat bins (row, column, heading) of n poses; off the bins, the nearest at the edge.
 
     Args:
-        x: [m].
-        y: [m].
-        theta: In [-pi, pi) [rad].
+        poses: ``(N, 3)``.
+        first: From which on.
+        n: How many.
         corner: x and y of the bins' lower left corner [m], and bins per metre.
         shape: Rows, columns and heading bins; these begin at -pi.
+        out: ``(>= n,)``, overwritten.
     """
-    col = int(min(max((x - corner[0]) * corner[2], 0.0), shape[1] - 1.0))
-    row = int(min(max((y - corner[1]) * corner[2], 0.0), shape[0] - 1.0))
-    heading = min(int((theta + np.pi) * (shape[2] / (2.0 * np.pi))), shape[2] - 1)
-    return (row * shape[1] + col) * shape[2] + heading
+    x0, y0, per_metre, per_radian = corner[0], corner[1], corner[2], shape[2] / (2.0 * np.pi)
+    top, right, last = shape[0] - 1.0, shape[1] - 1.0, shape[2] - 1.0
+    cols, headings = np.int32(shape[1]), np.int32(shape[2])
+    for k in range(np.uint64(n)):
+        i = np.uint64(first) + k
+        col = np.int32(min(max((poses[i, 0] - x0) * per_metre, 0.0), right))
+        row = np.int32(min(max((poses[i, 1] - y0) * per_metre, 0.0), top))
+        heading = np.int32(min((poses[i, 2] + np.pi) * per_radian, last))
+        out[k] = (row * cols + col) * headings + heading
 
 
 @njit(cache=True, nogil=True)
@@ -41,24 +55,22 @@ def bin_weights(
     corner: NDArray[np.float64],
     shape: tuple[int, int, int],
     out: NDArray[np.float64],
-    index: NDArray[np.int32],
 ) -> None:
     """Add the weights up in bins over x, y and heading.
 
     Args:
         poses: ``(N, 3)``.
         weights: ``(N,)``.
-        corner: See :func:`bin_of`.
-        shape: See :func:`bin_of`.
+        corner: See :func:`bins_of`.
+        shape: See :func:`bins_of`.
         out: ``(rows * cols * headings,)``, added to.
-        index: ``(N,)``, overwritten with each particle's bin, or ``(0,)``.
     """
-    keep = index.shape[0] > 0
-    for i in range(poses.shape[0]):
-        k = bin_of(poses[i, 0], poses[i, 1], poses[i, 2], corner, shape)
-        out[k] += weights[i]
-        if keep:
-            index[i] = k
+    bins = np.empty(BLOCK, dtype=np.int32)
+    for first in range(0, poses.shape[0], BLOCK):
+        n = min(BLOCK, poses.shape[0] - first)
+        bins_of(poses, first, n, corner, shape, bins)
+        for k in range(np.uint64(n)):
+            out[np.uint64(bins[k])] += weights[np.uint64(first) + k]
 
 
 @njit(cache=True, nogil=True)
@@ -79,26 +91,29 @@ def sum_bins(
     Args:
         poses: ``(N, 3)``.
         weights: ``(N,)``.
-        corner: See :func:`bin_of`.
-        shape: See :func:`bin_of`.
+        corner: See :func:`bins_of`.
+        shape: See :func:`bins_of`.
         slots: ``(bins,)`` of zeros; they are zeros again.
         index: ``(N,)``, overwritten with each particle's place in ``held``.
         held: ``(N,)``, overwritten with the bins, in the order of the particles.
         masses: ``(N,)``, overwritten with theirs.
     """
-    n = 0
-    for i in range(poses.shape[0]):
-        k = bin_of(poses[i, 0], poses[i, 1], poses[i, 2], corner, shape)
-        slot = slots[k] - 1
-        if slot < 0:
-            slot = n
-            n += 1
-            held[slot], masses[slot], slots[k] = k, 0.0, n
-        index[i] = slot
-        masses[slot] += weights[i]
-    for slot in range(n):
+    n_held, bins = 0, np.empty(BLOCK, dtype=np.int32)
+    for first in range(0, poses.shape[0], BLOCK):
+        n = min(BLOCK, poses.shape[0] - first)
+        bins_of(poses, first, n, corner, shape, bins)
+        for k in range(np.uint64(n)):
+            i, one = np.uint64(first) + k, np.uint64(bins[k])
+            slot = slots[one] - 1
+            if slot < 0:
+                slot = n_held
+                n_held += 1
+                held[slot], masses[slot], slots[one] = one, 0.0, n_held
+            index[i] = slot
+            masses[np.uint64(slot)] += weights[i]
+    for slot in range(n_held):
         slots[held[slot]] = 0
-    return n
+    return n_held
 
 
 @njit(cache=True, nogil=True)

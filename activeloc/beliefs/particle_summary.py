@@ -9,64 +9,72 @@ from numpy.typing import NDArray
 from activeloc.beliefs.particle_motion import wrapped
 
 
+CHUNK = 256  # Particles that are added up side by side.
+
+
 @njit(cache=True, nogil=True)
-def within(
-    poses: NDArray[np.float64], x: float, y: float, radius: float, out: NDArray[np.int32]
+def offsets_near(
+    poses: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    pose: NDArray[np.float64],
+    radius: float,
+    out: NDArray[np.float64],
 ) -> int:
-    """Indices of the particles within ``radius`` [m] of a place; returns how many.
+    """Gather the particles within ``radius`` [m] of a pose; returns how many they are.
 
     Args:
         poses: ``(N, 3)``.
-        x: [m].
-        y: [m].
+        weights: ``(N,)``.
+        pose: ``(3,)``.
         radius: [m].
-        out: ``(N,)``, overwritten.
+        out: ``(4, N + 1)``, overwritten: offsets in x, y and theta, the last in [-pi, pi), and
+            weights.
     """
-    n = 0
+    x, y, theta, n = pose[0], pose[1], pose[2], 0
     for i in range(poses.shape[0]):
         dx, dy = poses[i, 0] - x, poses[i, 1] - y
-        if dx * dx + dy * dy <= radius * radius:
-            out[n] = i
-            n += 1
+        out[0, n], out[1, n], out[2, n], out[3, n] = dx, dy, poses[i, 2] - theta, weights[i]
+        n += 1 if dx * dx + dy * dy <= radius * radius else 0
+    for i in range(n):
+        out[2, i] = wrapped(out[2, i])
     return n
 
 
 @njit(cache=True, nogil=True)
 def local_moments(
-    poses: NDArray[np.float64],
-    weights: NDArray[np.float64],
-    chosen: NDArray[np.int32],
-    pose: NDArray[np.float64],
+    near: NDArray[np.float64],
+    n: int,
+    centre: NDArray[np.float64],
     radius: float,
     angle: float,
     out: NDArray[np.float64],
 ) -> None:
-    """Mass within ``radius`` [m] and ``angle`` [rad] of a pose, and its first moments about it.
+    """Mass within ``radius`` [m] and ``angle`` [rad] of a centre, and its first moments about it.
 
     Args:
-        poses: ``(N, 3)``.
-        weights: ``(N,)``.
-        chosen: ``(n,)`` of the particles that are looked at.
-        pose: ``(3,)``.
+        near: ``(4, >= n)``; offsets and weights, see :func:`offsets_near`.
+        n: How many.
+        centre: ``(3,)``; an offset too.
         radius: Of the window.
         angle: Of the window.
         out: ``(4,)``, overwritten: mass, and mass times mean offset in x, y and theta.
     """
-    out[:] = 0.0
-    for i in chosen:
-        dx, dy = poses[i, 0] - pose[0], poses[i, 1] - pose[1]
-        if dx * dx + dy * dy > radius * radius:
-            continue
-        offset = poses[i, 2] - pose[2]
-        if offset >= np.pi:
-            offset -= 2.0 * np.pi
-        elif offset < -np.pi:
-            offset += 2.0 * np.pi
-        if abs(offset) <= angle:
-            out[0] += weights[i]
-            out[1] += weights[i] * dx
-            out[2] += weights[i] * dy
-            out[3] += weights[i] * offset
+    dx, dy, turned, weights = near[0], near[1], near[2], near[3]
+    mass, in_x, in_y, in_theta = np.zeros(CHUNK), np.zeros(CHUNK), np.zeros(CHUNK), np.zeros(CHUNK)
+    chunk, end, circle = np.uint64(CHUNK), np.uint64(n), 2.0 * np.pi
+    x0, y0, theta0, limit = centre[0], centre[1], centre[2], radius * radius
+    for first in range(np.uint64(0), end, chunk):
+        for k in range(min(chunk, end - first)):
+            x, y, theta = dx[first + k] - x0, dy[first + k] - y0, turned[first + k] - theta0
+            theta = theta - circle if theta >= np.pi else theta
+            theta = theta + circle if theta < -np.pi else theta
+            inside = (x * x + y * y <= limit) & (abs(theta) <= angle)
+            w = weights[first + k] if inside else 0.0
+            mass[k] += w
+            in_x[k] += w * x
+            in_y[k] += w * y
+            in_theta[k] += w * theta
+    out[0], out[1], out[2], out[3] = mass.sum(), in_x.sum(), in_y.sum(), in_theta.sum()
 
 
 @njit(cache=True, nogil=True)
@@ -109,14 +117,17 @@ def localise(
     Returns:
         The mass within the window around the last.
     """
-    chosen, out = np.empty(poses.shape[0], dtype=np.int32), np.empty(4)
-    near = chosen[: within(poses, pose[0], pose[1], 3.0 * radius, chosen)]
+    near, out, centre = np.empty((4, poses.shape[0] + 1)), np.empty(4), np.zeros(3)
+    n = offsets_near(poses, weights, pose, 3.0 * radius, near)
     for _ in range(rounds):
-        local_moments(poses, weights, near, pose, radius, angle, out)
+        local_moments(near, n, centre, radius, angle, out)
         if out[0] == 0.0:
             break
         for axis in range(3):
-            pose[axis] += out[1 + axis] / out[0]
-        pose[2] = wrapped(pose[2])
-    local_moments(poses, weights, near, pose, radius, angle, out)
+            centre[axis] += out[1 + axis] / out[0]
+        centre[2] = wrapped(centre[2])
+    local_moments(near, n, centre, radius, angle, out)
+    for axis in range(3):
+        pose[axis] += centre[axis]
+    pose[2] = wrapped(pose[2])
     return out[0]

@@ -193,8 +193,8 @@ class ParticleBelief:
     def correct(self, robot: int, scan: NDArray[np.float64]) -> float:
         """Weigh every particle by the scan, and resample when few particles carry the weight.
 
-        A scan without a reading leaves the belief as it was; so does one that no particle explains,
-        unless a robot that has just been carried off might read it.
+        A scan without a reading, or without one that counts, leaves the belief as it was; so does
+        one that no particle explains, unless a robot that has just been carried off might read it.
 
         Args:
             robot: Which one.
@@ -213,6 +213,10 @@ class ParticleBelief:
             return 0.0
         weights = np.zeros(len(readings))
         weights[valid] = cloud.place.weigh(self.sensor.bearings[valid])
+        n = float(weights.sum())
+        if n == 0.0:
+            cloud.place.read(self.sensor.bearings[valid])
+            return 0.0
         counted = Counted(readings, weights)
         log_w = cloud.log_w.copy()
         self.model.weigh(cloud, cloud.poses, counted, log_w)
@@ -221,8 +225,7 @@ class ParticleBelief:
             return -inf
         cloud.place.read(self.sensor.bearings[valid])
         # Scans of which more readings count are less likely, whatever the belief.
-        n = float(weights.sum())
-        share = cloud.means.add(exp(stayed / n)) if n else 0.0
+        share = cloud.means.add(exp(stayed / n))
         if self.config.recovery == "augmented" and share > 0.0:
             self.model.inject(cloud, share, counted)
         else:
@@ -255,8 +258,8 @@ class ParticleBelief:
         cloud = self._cloud(robot)
         left, bottom, pixel = view_frame(cloud.ground.grid, rows, cols)
         corner, shape = np.array([left, bottom, 1.0 / pixel]), (rows, cols, headings)
-        out, unused = np.zeros(rows * cols * headings), np.empty(0, dtype=np.int32)
-        bin_weights(cloud.poses, cloud.normalised(), corner, shape, out, unused)
+        out = np.zeros(rows * cols * headings)
+        bin_weights(cloud.poses, cloud.normalised(), corner, shape, out)
         return np.ascontiguousarray(out.reshape(rows * cols, headings).T).reshape(
             headings, rows, cols
         )

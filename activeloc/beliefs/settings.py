@@ -51,7 +51,7 @@ class HistogramConfig:
     headings: int = 72
     reading_bin: float = 0.1
     sigma_factor: float = 1.5
-    likelihood_power: float = 0.7
+    likelihood_power: float = 0.6
     repetition: float = 0.0
     sectors: int = 12
     place_size: float = 0.25
@@ -138,7 +138,7 @@ class ParticleConfig:
     ess_ratio: float = 0.5
     resampling: str = "systematic"
     sigma_factor: float = 2.0
-    likelihood_power: float = 0.6
+    likelihood_power: float = 0.7
     roughening_xy: float = 0.06
     roughening_theta: float = float(np.deg2rad(3.0))
     reading_bin: float = 0.1
