@@ -170,7 +170,8 @@ class HistogramBelief:
     def correct(self, robot: int, scan: NDArray[np.float64]) -> float:
         """bel(x) = eta p(z | x, m) bel_bar(x).
 
-        A scan without a reading leaves the belief as it was; so does one that no state explains.
+        A scan without a reading, or without one that counts, leaves the belief as it was; so does
+        one that no state explains.
         One that makes it likely enough that the robot is elsewhere widens the belief to the whole
         map.
 
@@ -193,10 +194,13 @@ class HistogramBelief:
         weights = np.zeros(len(readings))
         weights[valid] = self.config.likelihood_power * track.place.weigh(bearings[valid])
         track.has_news = bool(weights.any())
+        track.has_widened = False
+        if not track.has_news:
+            track.place.read(bearings[valid])
+            return 0.0
         likelihood = ScanLikelihood.of(table, track.tables.powered, readings, weights)
         total, shift = track.bel.read(likelihood)
         evidence = log(total) + shift if total > 0.0 else -inf
-        track.has_widened = False
         if self.carries_background:
             evidence = self._watch(track, likelihood, total, evidence)
         if evidence == -inf:

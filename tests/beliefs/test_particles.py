@@ -158,6 +158,17 @@ def test_no_reading_leaves_the_belief_as_it_was_to_the_bit():
         np.testing.assert_array_equal(array, copy)
 
 
+def test_a_scan_that_tells_nothing_leaves_the_belief_as_it_was_to_the_bit():
+    belief = cloud(1000, repetition=0.0, leak=0.0)
+    belief.correct(0, np.array([0.5, 1.0, 0.7]))
+    before = belief.particles(0)
+    assert belief.correct(0, np.array([0.1, 0.1, 0.1])) == 0.0
+    for array, copy in zip(belief.particles(0), before, strict=True):
+        np.testing.assert_array_equal(array, copy)
+    belief.place(0).clear()
+    assert belief.correct(0, np.array([0.5, 1.0, 0.7])) != 0.0
+
+
 def test_impossible_evidence_keeps_the_prediction():
     sure = BeamModel(3, pi / 3, sigma_hit=0.01, w_hit=1.0, w_short=0.0, w_max=0.0, w_rand=0.0)
     belief = cloud(100, sensor=sure)
