@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import xlogy
 
 from activeloc.beliefs.background import Background
 from activeloc.beliefs.coarse import CoarseBins
@@ -53,6 +54,7 @@ class GridTables:
             self.poses, corner, self.bins.size, self.bins.shape, self.bins.n_headings
         )
         self.uniform_masses = self.background.masses(self.coarse)
+        self.uniform_nats = xlogy(self.uniform_masses, self.uniform_masses)
         self.uniform_entropy = entropy(self.uniform_masses)
         self.frame = np.array([*grid.origin, 1.0 / self.poses.cell_size])
         self._views: dict[tuple[int, int, int], CoarseBins] = {}

@@ -273,23 +273,28 @@ class PlaneBelief:
     def entropy(self, w: float) -> float:
         """On the common bins, mixed with so much of the uniform [nat]."""
         tables = self.tables
-        return self._fold(tables.coarse, w, tables.uniform_masses, _NOTHING)
+        uniform = tables.uniform_masses, tables.uniform_nats
+        return self._fold(tables.coarse, w, uniform, _NOTHING)
 
     def masses(self, bins: CoarseBins) -> NDArray[np.float64]:
         """``(Y * X, H)``; summed in coarser bins."""
         out = np.empty((bins.shape[0] * bins.shape[1], len(bins.headings)))
-        self._fold(bins, 0.0, _NOTHING, out)
+        self._fold(bins, 0.0, (_NOTHING, _NOTHING), out)
         return out
 
     def _fold(
-        self, bins: CoarseBins, w: float, uniform: NDArray[np.float64], out: NDArray[np.float64]
+        self,
+        bins: CoarseBins,
+        w: float,
+        uniform: tuple[NDArray[np.float64], NDArray[np.float64]],
+        out: NDArray[np.float64],
     ) -> float:
         sheet, layout = self._told, self.tables.layout
         nats: float = summary.fold(
             sheet.values, sheet.runs, sheet.n, layout.size, layout.cols,
             bins.headings, 1.0 / self._divisor,
             bins.row_bins, bins.row_shares, bins.col_first, bins.col_shares,
-            w, uniform, self.tables.uniform_entropy, out,
+            w, *uniform, self.tables.uniform_entropy, out,
         )  # fmt: skip
         return nats
 

@@ -9,49 +9,64 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from activeloc.beliefs.plane_layout import CHUNK
+
+@njit(cache=True, nogil=True)
+def _widen(
+    start: int, stop: int, cols: int, low: NDArray[np.int32], high: NDArray[np.int32]
+) -> None:
+    """Widen the stretches ``(rows,)`` that hold anything by places ``start ... stop - 1``."""
+    row, col = start // cols, start % cols
+    while row < low.shape[0]:
+        low[row] = min(low[row], col)
+        high[row] = max(high[row], min(cols, col + stop - start))
+        start += cols - col
+        if start >= stop:
+            break
+        row, col = row + 1, 0
+
 
 @njit(cache=True, nogil=True)
 def _add_planes(
     values: NDArray[np.float32],
     runs: NDArray[np.int32],
     first: NDArray[np.int64],
-    k: int,
     size: int,
     cols: int,
-    share: float,
+    weights: NDArray[np.float32],
     plane: NDArray[np.float32],
     low: NDArray[np.int32],
     high: NDArray[np.int32],
 ) -> None:
-    """Add a share of plane k to another, and widen the stretch that each row holds.
+    """Add shares of all planes up, a chunk of all of them after the other.
 
     Args:
         values: ``(K * P,)``.
         runs: Of ``values``.
         first: ``(K + 1,)``; where each plane's runs begin.
-        k: Which plane.
         size: P.
         cols: Places in a row.
-        share: What counts of it.
+        weights: ``(K,)``; what counts of each plane.
         plane: ``(P,)``, added to.
         low: ``(rows,)``; first column of each row that holds anything,
-        high: ``(rows,)``; and one past the last.
+        high: ``(rows,)``; and one past the last. Both are widened.
     """
-    weight = values.dtype.type(share)
-    for r in range(first[k], first[k + 1]):
-        start, stop = runs[r, 0] - k * size, runs[r, 1] - k * size
-        to, of = plane[start:stop], values[runs[r, 0] : runs[r, 1]]
-        for i in range(to.shape[0]):
-            to[i] += weight * of[i]
-        row, col = start // cols, start % cols
-        while row < low.shape[0]:
-            low[row] = min(low[row], col)
-            end = min(cols, col + stop - start)
-            high[row] = max(high[row], end)
-            start += end - col
-            if start >= stop:
-                break
-            row, col = row + 1, 0
+    which = np.flatnonzero((weights > 0.0) & (first[1:] > first[:-1]))
+    at = first[which]
+    # Of a few runs there is nothing to keep at hand.
+    chunk = CHUNK if first[-1] > 4 * weights.shape[0] else size
+    for begin in range(0, size, chunk):
+        for j in range(which.shape[0]):
+            k, weight = which[j], weights[which[j]]
+            end = k * size + begin + chunk
+            while at[j] < first[k + 1] and runs[at[j], 0] < end:
+                of, n = np.uint64(runs[at[j], 0]), np.uint64(runs[at[j], 1] - runs[at[j], 0])
+                start = runs[at[j], 0] - k * size
+                to = np.uint64(start)
+                for i in range(n):
+                    plane[to + i] += weight * values[of + i]
+                _widen(start, start + int(n), cols, low, high)
+                at[j] += 1
 
 
 @njit(cache=True, nogil=True)
@@ -118,6 +133,7 @@ def fold(
     col_shares: NDArray[np.float64],
     w: float,
     uniform: NDArray[np.float64],
+    uniform_nats: NDArray[np.float64],
     uniform_entropy: float,
     out: NDArray[np.float64],
 ) -> float:
@@ -137,6 +153,7 @@ def fold(
         col_shares: ``(X, M)``; share in it of each of the columns from there.
         w: Weight of the uniform in the belief whose entropy is asked for.
         uniform: ``(Y * X, H)``, summing to one.
+        uniform_nats: ``(Y * X, H)``; u log u of each u in ``uniform``, 0 for 0.
         uniform_entropy: Of ``uniform`` [nat].
         out: ``(Y * X, H)``, overwritten with the bins, without the uniform; or empty.
 
@@ -146,7 +163,7 @@ def fold(
     n_headings, n_rows = headings.shape[1], row_bins.shape[0]
     n_coarse, n_cols = row_bins.max() + 1, col_shares.shape[0]
     first = first_runs(runs, n, size, n_headings)
-    plane = np.zeros(size, dtype=values.dtype)
+    plane, weights = np.zeros(size, dtype=values.dtype), np.empty(n_headings, dtype=values.dtype)
     low, high = np.full(n_rows, cols, dtype=np.int32), np.zeros(n_rows, dtype=np.int32)
     folded = np.zeros((n_coarse, cols + col_shares.shape[1]))
     span = np.empty((n_coarse, 2), dtype=np.int32)
@@ -156,9 +173,8 @@ def fold(
         out[:] = 0.0
     for j in range(headings.shape[0]):
         for k in range(n_headings):
-            if headings[j, k] > 0.0 and first[k] < first[k + 1]:
-                share = headings[j, k] * factor
-                _add_planes(values, runs, first, k, size, cols, share, plane, low, high)
+            weights[k] = headings[j, k] * factor
+        _add_planes(values, runs, first, size, cols, weights, plane, low, high)
         _fold_rows(plane, cols, low, high, row_bins, row_shares, folded, span)
         for y in range(n_coarse):
             if span[y, 0] >= span[y, 1]:
@@ -179,8 +195,7 @@ def fold(
                     u = uniform[y * n_cols + x, j]
                     p = (1.0 - w) * p + w * u
                     rest -= u
-                    if u > 0.0:
-                        rest_entropy += u * np.log(u)
+                    rest_entropy += uniform_nats[y * n_cols + x, j]
                 if p > 0.0:
                     h -= p * np.log(p)
             folded[y, span[y, 0] : span[y, 1]] = 0.0
