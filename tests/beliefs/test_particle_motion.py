@@ -116,6 +116,22 @@ def test_those_that_slip_go_another_way_and_keep_their_weight(u):
     np.testing.assert_array_equal(log_w[others], old_log_w[others])
 
 
+@pytest.mark.parametrize("reach", [0.05, 0.2, 0.7])
+def test_a_contact_tells_against_those_with_nothing_ahead(reach):
+    """Each by itself: the simulated robot sets out, and is stopped short of the reach or is not."""
+    terrain = ruin(6)
+    poses, log_w = anywhere(terrain, 3_000, 6), np.linspace(-5.0, 0.0, 3_000)
+    ahead = np.tile([0.0, reach, 0.0], (len(poses), 1))
+    went = np.abs(move(terrain, poses, ahead)[1][:, 1])
+    got = log_w.copy()
+    kernels.touch(terrain.squares, frame_of(terrain), poses, reach, got, -3.0)
+    clear = (np.abs(reach - went) < 1e-12) | (reach - went > 1e-6)
+    assert clear.mean() > 0.999
+    assert 0.02 < (went < reach).mean() < 0.98
+    expected = log_w + np.where(went < reach - 1e-9, 0.0, -3.0)
+    np.testing.assert_allclose(got[clear], expected[clear], atol=1e-12)
+
+
 @pytest.mark.parametrize("n", [1, 19, 20, 21, 1000])
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.3, 0.999, 1.0])
 def test_every_particle_is_as_likely_to_be_among_a_share(n, share):
