@@ -27,9 +27,10 @@ def test_of_equal_peaks_it_is_the_first_bin():
 
 
 @pytest.mark.parametrize("rounds", [0, 1, 3])
-def test_a_pose_moves_to_the_mean_of_the_mass_around_it(rounds):
+@pytest.mark.parametrize(("angle", "spread"), [(0.35, 0.3), (3.0, 1.0), (3.0, 9.0)])
+def test_a_pose_moves_to_the_mean_of_the_mass_around_it(rounds, angle, spread):
     rng = np.random.default_rng(1)
-    poses = rng.normal([1.0, 2.0, pi], [0.4, 0.4, 0.3], (4_000, 3))
+    poses = rng.normal([1.0, 2.0, pi], [0.4, 0.4, spread], (4_000, 3))
     poses[:, 2] = wrap(poses[:, 2])
     weights = rng.dirichlet(np.ones(4_000))
     pose = np.array([1.3, 1.8, -3.0])
@@ -38,14 +39,14 @@ def test_a_pose_moves_to_the_mean_of_the_mass_around_it(rounds):
     def window():
         offset = poses - expected
         offset[:, 2] = wrap(offset[:, 2])
-        near = (np.hypot(*offset[:, :2].T) <= 0.5) & (np.abs(offset[:, 2]) <= 0.35)
+        near = (np.hypot(*offset[:, :2].T) <= 0.5) & (np.abs(offset[:, 2]) <= angle)
         return offset[near], weights[near]
 
     for _ in range(rounds):
         offset, w = window()
         expected = expected + (w[:, None] * offset).sum(axis=0) / w.sum()
         expected[2] = wrap(expected[2])
-    mass = localise(poses, weights, pose, 0.5, 0.35, rounds)
+    mass = localise(poses, weights, pose, 0.5, angle, rounds)
     np.testing.assert_allclose(pose, expected, atol=1e-12)
     assert mass == pytest.approx(window()[1].sum())
 
