@@ -27,16 +27,14 @@ def offsets_near(
         weights: ``(N,)``.
         pose: ``(3,)``.
         radius: [m].
-        out: ``(4, N + 1)``, overwritten: offsets in x, y and theta, the last in [-pi, pi), and
-            weights.
+        out: ``(4, N + 1)``, overwritten: offsets in x, y and theta, the last less than a turn
+            either way, and weights.
     """
     x, y, theta, n = pose[0], pose[1], pose[2], 0
     for i in range(poses.shape[0]):
         dx, dy = poses[i, 0] - x, poses[i, 1] - y
         out[0, n], out[1, n], out[2, n], out[3, n] = dx, dy, poses[i, 2] - theta, weights[i]
         n += 1 if dx * dx + dy * dy <= radius * radius else 0
-    for i in range(n):
-        out[2, i] = wrapped(out[2, i])
     return n
 
 
@@ -54,7 +52,7 @@ def local_moments(
     Args:
         near: ``(4, >= n)``; offsets and weights, see :func:`offsets_near`.
         n: How many.
-        centre: ``(3,)``; an offset too.
+        centre: ``(3,)``; an offset too, its heading in [-pi, pi).
         radius: Of the window.
         angle: Of the window.
         out: ``(4,)``, overwritten: mass, and mass times mean offset in x, y and theta.
