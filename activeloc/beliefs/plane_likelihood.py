@@ -16,25 +16,31 @@ ROOM = 1 << 15  # Likelihoods of a tile that are kept at a time: what fits fast 
 
 
 @njit(cache=True, nogil=True)
-def _number_readings(
-    readings: NDArray[np.int32], which: NDArray[np.int64], distinct: NDArray[np.int32]
+def _slots_of(
+    readings: NDArray[np.int32],
+    n_directions: int,
+    first: NDArray[np.int64],
+    is_shared: NDArray[np.bool_],
 ) -> int:
-    """Number readings ``(A,)`` as they first come; returns how many are distinct.
+    """Where likelihoods are kept: by direction for readings of several beams; returns how many.
 
     Args:
-        readings: Of the beams.
-        which: ``(A,)``, overwritten with the number of each beam's, and
-        distinct: ``(A,)``, with the reading of each number.
+        readings: ``(A,)``; of the beams.
+        n_directions: D.
+        first: ``(A,)``, overwritten with the first slot of each beam's reading.
+        is_shared: ``(A,)``, overwritten with whether it has D of them, as another beam reads it
+            too. A reading that comes once is looked up once a direction, and has one.
     """
     n = 0
     for b in range(readings.shape[0]):
-        i = 0
-        while i < n and distinct[i] != readings[b]:
-            i += 1
-        if i == n:
-            distinct[n] = readings[b]
-            n += 1
-        which[b] = i
+        is_shared[b], earlier = False, -1
+        for other in range(readings.shape[0]):
+            if other != b and readings[other] == readings[b]:
+                is_shared[b] = True
+                earlier = other if other < b and earlier < 0 else earlier
+        first[b] = n if earlier < 0 else first[earlier]
+        if earlier < 0:
+            n += n_directions if is_shared[b] else 1
     return n
 
 
@@ -133,8 +139,8 @@ def multiply(
 ) -> tuple[int, float]:
     """bel(x) = scale p(z | x) bel(x), a product over the beams, after a turn.
 
-    A reading is looked up once in a tile for each direction, whichever beam and heading asks: many
-    beams read the same, that nothing is in range above all.
+    What several beams read, that nothing is in range above all, is looked up once in a tile for
+    each direction, whichever beam and heading asks.
 
     Args:
         values: ``(K * P,)``.
@@ -158,9 +164,8 @@ def multiply(
     """
     n_directions, n_headings = row.shape[0] // size, values.shape[0] // size
     n_beams = readings.shape[0]
-    which, distinct = np.empty(n_beams, dtype=np.int64), np.empty(n_beams, dtype=readings.dtype)
-    n_distinct = _number_readings(readings, which, distinct)
-    n_slots = max(1, n_distinct * n_directions)
+    slots, is_shared = np.empty(n_beams, dtype=np.int64), np.empty(n_beams, dtype=np.bool_)
+    n_slots = max(1, _slots_of(readings, n_directions, slots, is_shared))
     tiles, alive = tiles_of(runs, n, size, n_headings, 1 if turning.n_flat > 0 else WIDE)
     scratch = scratch_of(values, size, turning, tiles)
     # A wide tile is weighed in strips, so that the likelihoods of one stay in fast memory.
@@ -179,9 +184,9 @@ def multiply(
                 at = np.uint64(i) * length + begin
                 if holds(of, at, wide):
                     for b in range(n_beams):
-                        slot = np.uint64(which[b] * n_directions + directions[k, b])
+                        slot = np.uint64(slots[b] + (directions[k, b] if is_shared[b] else 0))
                         where[b] = slot * strip
-                        if known[slot] != strips:
+                        if known[slot] != strips or not is_shared[b]:
                             known[slot] = strips
                             here = np.uint64(directions[k, b] * size + tiles[t, 0]) + begin
                             _look_up(row, here, p[readings[b]], by, where[b], wide)
