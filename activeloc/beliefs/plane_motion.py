@@ -156,9 +156,7 @@ def translate(
         way, begin, written = (k + turned) % n_headings, r, o
         while r < n and runs[r, 0] < (k + 1) * size:
             to = runs[r, 0] - k * size + margin
-            _keep(
-                values, plain, runs[r, 0], runs[r, 1], (way - k) * size, edge_start, open_ground, to
-            )  # fmt: skip
+            _keep(values, plain, runs[r, 0], runs[r, 1], (way - k) * size, open_ground, to)
             r += 1
         first, last = stencil_start[way], stencil_start[way + 1]
         while o < n_out and out_runs[o, 0] < (k + 1) * size:
@@ -194,7 +192,6 @@ def _keep(
     first: int,
     last: int,
     turned: int,
-    edge_start: NDArray[np.int64],
     out: NDArray[np.float32],
     to: int,
 ) -> None:
@@ -206,23 +203,14 @@ def _keep(
         first: Of the run,
         last: and one past its last.
         turned: See above.
-        edge_start: ``(K * P / BLOCK + 1,)``; blocks without an entry are open ground.
         out: Overwritten from ``to`` on.
         to: See there.
     """
     at, where, there = np.uint64(first), np.uint64(first + turned), np.uint64(to)
-    end, block, zero = np.uint64(last), np.uint64(BLOCK), values.dtype.type(0)
-    while at < end:
-        b, n, entry = where // block, block, edge_start[where // block]
-        if edge_start[b + np.uint64(1)] == entry:
-            while at + n < end and edge_start[b + n // block + np.uint64(1)] == entry:
-                n += block
-            for i in range(n):
-                out[there + i] = values[at + i]
-        else:
-            for i in range(block):
-                out[there + i] = values[at + i] if plain[where + i] != 0 else zero
-        at, where, there = at + n, where + n, there + n
+    one = values.dtype.type
+    # A product, not a choice: so several are done at once.
+    for i in range(np.uint64(last - first)):
+        out[there + i] = values[at + i] * one(plain[where + i])
 
 
 @njit(cache=True, nogil=True)
