@@ -2,15 +2,15 @@
 
 A belief is ``values`` and its ``runs`` (:mod:`activeloc.beliefs.plane_layout`); ``size`` is P.
 Kernels draw nothing, raise nothing and return what a caller needs to know as numbers. Sums over
-many states are kept in float64, one for each place within a run, and added up in that order: the
-compiler may do several places at once and every machine gets the same bits.
+many states are kept in float64, one for each four places of a run, and added up in that order: the
+compiler may do several at once and every machine gets the same bits.
 """
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.beliefs.plane_layout import BLOCK, CHUNK, collect, holds, mark
+from activeloc.beliefs.plane_layout import BLOCK, CHUNK, add_up, collect, holds, mark
 
 
 @njit(cache=True, nogil=True)
@@ -25,11 +25,9 @@ def states_of(runs: NDArray[np.int32], n: int) -> int:
 @njit(cache=True, nogil=True)
 def total(values: NDArray[np.float32], runs: NDArray[np.int32], n: int) -> float:
     """Sum of a belief."""
-    sums = np.zeros(CHUNK)
+    sums = np.zeros(CHUNK // 4)
     for r in range(n):
-        of = values[runs[r, 0] : runs[r, 1]]
-        for i in range(of.shape[0]):
-            sums[i] += of[i]
+        add_up(values, np.uint64(runs[r, 0]), np.uint64(runs[r, 1] - runs[r, 0]), sums)
     return sums.sum()
 
 
@@ -89,13 +87,13 @@ def weigh(
     floor: float,
 ) -> float:
     """Multiply by ``floor + (1 - floor) factor`` in place; returns the mass that is left."""
-    sums = np.zeros(CHUNK)
+    sums = np.zeros(CHUNK // 4)
     low, span = values.dtype.type(floor), values.dtype.type(1.0 - floor)
     for r in range(n):
         of, by = values[runs[r, 0] : runs[r, 1]], factor[runs[r, 0] : runs[r, 1]]
         for i in range(of.shape[0]):
             of[i] *= low + span * by[i]
-            sums[i] += of[i]
+        add_up(of, np.uint64(0), np.uint64(of.shape[0]), sums)
     return sums.sum()
 
 

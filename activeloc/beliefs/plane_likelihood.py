@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.beliefs.plane_layout import BLOCK, CHUNK, clear_rest, collect, holds
+from activeloc.beliefs.plane_layout import BLOCK, CHUNK, add_up, clear_rest, collect, holds
 from activeloc.beliefs.plane_tiles import WIDE, store_tile, tiles_of
 from activeloc.beliefs.plane_turns import Turning, scratch_of, turn_tile
 
@@ -100,11 +100,12 @@ def _scale(
     of: NDArray[np.float32], n: np.uint64, factor: float | np.floating, sums: NDArray[np.float64]
 ) -> None:
     """Multiply the first n of a tile by a factor and add them up, in many parts at once."""
-    step = np.uint64(sums.shape[0])
+    step = np.uint64(CHUNK)
     for first in range(np.uint64(0), n, step):
-        for i in range(min(step, n - first)):
+        many = min(step, n - first)
+        for i in range(many):
             of[first + i] *= factor
-            sums[i] += of[first + i]
+        add_up(of, first, many, sums)
 
 
 @njit(cache=True, nogil=True)
@@ -171,7 +172,7 @@ def multiply(
     # A wide tile is weighed in strips, so that the likelihoods of one stay in fast memory.
     strip = np.uint64(max(1, ROOM // (n_slots * BLOCK)) * BLOCK)
     known, strips = np.full(n_slots, -1, dtype=np.int32), 0
-    by, sums = np.empty(n_slots * int(strip), dtype=values.dtype), np.zeros(CHUNK)
+    by, sums = np.empty(n_slots * int(strip), dtype=values.dtype), np.zeros(CHUNK // 4)
     where, factor = np.empty(n_beams, dtype=np.uint64), values.dtype.type(scale)
     directions = _directions(n_headings, n_directions, per_heading, offsets)
     for t in range(tiles.shape[0]):

@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.beliefs.plane_layout import BLOCK, CHUNK, clear_rest, collect, holds, mark
+from activeloc.beliefs.plane_layout import BLOCK, CHUNK, add_up, clear_rest, collect, holds, mark
 
 
 @njit(cache=True, nogil=True)
@@ -149,7 +149,7 @@ def translate(
     margin = 0
     for e in range(stencil_shift.shape[0]):
         margin = max(margin, abs(stencil_shift[e]))
-    open_ground, sums = np.zeros(size + 2 * margin, dtype=values.dtype), np.zeros(CHUNK)
+    open_ground, sums = np.zeros(size + 2 * margin, dtype=values.dtype), np.zeros(CHUNK // 4)
     r, o = 0, 0
     while r < n:
         k = runs[r, 0] // size
@@ -240,8 +240,7 @@ def _sum_up(
 ) -> None:
     """Add a run to ``sums`` and flag its blocks, those that hold anything."""
     at, block, n = np.uint64(first), np.uint64(BLOCK), np.uint64(last - first)
-    for i in range(n):
-        sums[i] += values[at + i]
+    add_up(values, at, n, sums)
     for b in range(np.uint64(first // BLOCK), np.uint64(last // BLOCK)):
         # Where there is mass there is most often some in the middle.
         if values[b * block + np.uint64(BLOCK // 2)] != 0.0 or holds(values, b * block, block):
