@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from activeloc.beliefs.particle_motion import wrapped
 from activeloc.beliefs.sample_size import effective_states, power_of
 
-
 BLOCK = 256  # Particles whose bins are worked out together.
 
 

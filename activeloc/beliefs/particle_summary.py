@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from activeloc.beliefs.particle_motion import wrapped
 
-
 CHUNK = 256  # Particles that are added up side by side.
 
 

@@ -107,7 +107,7 @@ def mark(flags: NDArray[np.uint8], first: int, last: int) -> None:
 
 @njit(cache=True, nogil=True)
 def add_up(
-    of: NDArray[np.float32], at: np.uint64, n: np.uint64, sums: NDArray[np.float64]
+    of: NDArray[np.float32], at: np.uint64 | int, n: np.uint64 | int, sums: NDArray[np.float64]
 ) -> None:
     """Add a stretch of blocks, no longer than a run, to ``(CHUNK / 4,)``: of its quarters each.
 

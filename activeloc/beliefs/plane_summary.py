@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from activeloc.beliefs.plane_layout import CHUNK
 
+
 @njit(cache=True, nogil=True)
 def _widen(
     start: int, stop: int, cols: int, low: NDArray[np.int32], high: NDArray[np.int32]
