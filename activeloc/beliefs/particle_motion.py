@@ -33,7 +33,7 @@ _COS, _SIN = np.cos(_ANGLES), np.sin(_ANGLES)
 def noise(rng: np.random.Generator, *shape: int) -> NDArray[np.uint16]:
     """Indices of ``NORMALS``, each equally likely."""
     n = prod(shape)
-    words = rng.integers(0, 2**64 - 1, (n + 3) // 4, dtype=np.uint64, endpoint=True)
+    words = np.asarray(rng.bit_generator.random_raw((n + 3) // 4))
     return words.view(np.uint16)[:n].reshape(shape)
 
 
