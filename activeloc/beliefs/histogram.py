@@ -197,6 +197,7 @@ class HistogramBelief:
         track.has_widened = False
         if not track.has_news:
             track.place.read(bearings[valid])
+            track.normalise(1.0)  # What turns have spread thin is let go all the same.
             return 0.0
         likelihood = ScanLikelihood.of(table, track.tables.powered, readings, weights)
         total, shift = track.bel.read(likelihood)
