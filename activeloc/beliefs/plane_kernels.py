@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.beliefs.plane_layout import BLOCK, CHUNK, add_up, collect, holds, mark
+from activeloc.beliefs.plane_layout import CHUNK, add_up, collect, mark, mark_held
 
 
 @njit(cache=True, nogil=True)
@@ -164,9 +164,8 @@ def normalise(
         if 2 * kept > of.shape[0]:
             mark(flags, runs[r, 0], runs[r, 1])
             continue
-        for b in range(np.uint64(runs[r, 0]), np.uint64(runs[r, 1]), np.uint64(BLOCK)):
-            if kept > 0 and holds(values, b, np.uint64(BLOCK)):
-                flags[b // np.uint64(BLOCK)] = 1
+        if kept > 0:
+            mark_held(values, runs[r, 0], runs[r, 1], flags)
     return collect(flags, size, runs), 1.0 - dropped.sum() / mass
 
 

@@ -123,15 +123,27 @@ def add_up(
 @njit(cache=True, nogil=True)
 def holds(of: NDArray[np.float32], at: np.uint64 | int, n: np.uint64 | int) -> bool:
     """Whether a stretch of blocks holds anything."""
-    per = np.uint64(of.itemsize // 4)
-    bits, at, n = of.view(np.int32), at * per, n * per
+    zero = of.dtype.type(0)
     for first in range(at, at + n, np.uint64(BLOCK)):
-        held = np.int32(0)
+        held = False
         for i in range(np.uint64(BLOCK)):
-            held |= bits[first + i]
-        if held != 0:
+            held |= of[first + i] != zero
+        if held:
             return True
     return False
+
+
+@njit(cache=True, nogil=True)
+def mark_held(of: NDArray[np.float32], first: int, last: int, flags: NDArray[np.uint8]) -> None:
+    """Flag those blocks of states ``first ... last - 1`` that hold anything."""
+    # Seen as words of eight bytes, which are zero where the numbers are: none is below zero.
+    words, eight, eights = of.view(np.int64), np.uint64(8), np.uint64(of.itemsize >> 2)
+    for b in range(np.uint64(first // BLOCK), np.uint64(last // BLOCK)):
+        held = np.int64(0)
+        for at in range(b * eights * eight, (b + np.uint64(1)) * eights * eight, eight):
+            for i in range(eight):
+                held |= words[at + i]
+        flags[b] |= np.uint8(held != 0)
 
 
 @njit(cache=True, nogil=True)
@@ -171,9 +183,7 @@ def find_runs(
     values: NDArray[np.float32], flags: NDArray[np.uint8], size: int, runs: NDArray[np.int32]
 ) -> int:
     """Runs of the blocks that hold anything; returns how many."""
-    for i in range(values.shape[0]):
-        if values[i] != 0.0:
-            flags[i // BLOCK] = 1
+    mark_held(values, 0, values.shape[0], flags)
     return collect(flags, size, runs)
 
 

@@ -7,7 +7,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.beliefs.plane_layout import BLOCK, CHUNK, add_up, clear_rest, collect, holds, mark
+from activeloc.beliefs.plane_layout import (
+    BLOCK,
+    CHUNK,
+    add_up,
+    clear_rest,
+    collect,
+    mark,
+    mark_held,
+)
 
 
 @njit(cache=True, nogil=True)
@@ -239,9 +247,5 @@ def _sum_up(
     flags: NDArray[np.uint8],
 ) -> None:
     """Add a run to ``sums`` and flag its blocks, those that hold anything."""
-    at, block, n = np.uint64(first), np.uint64(BLOCK), np.uint64(last - first)
-    add_up(values, at, n, sums)
-    for b in range(np.uint64(first // BLOCK), np.uint64(last // BLOCK)):
-        # Where there is mass there is most often some in the middle.
-        if values[b * block + np.uint64(BLOCK // 2)] != 0.0 or holds(values, b * block, block):
-            flags[b] = 1
+    add_up(values, np.uint64(first), np.uint64(last - first), sums)
+    mark_held(values, first, last, flags)
