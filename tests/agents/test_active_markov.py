@@ -290,7 +290,7 @@ def leaves_its_room(seed):
     start = {"grid": TWO_ROOMS, "pose": np.array([4.25, 1.25, 0.0])}
     observation, _ = env.reset(seed=seed, options=start)
     agent = agent_of(step_cost=0.05)
-    for _ in range(60):
+    for _ in range(120):
         observation = env.step(agent.act(observation, env.knowledge))[0]
         if env.knowledge.summary.estimate[1] > 2.5:
             return True
@@ -298,7 +298,7 @@ def leaves_its_room(seed):
 
 
 def test_a_robot_that_is_sure_leaves_its_room():
-    """It has nothing to learn where it is; the door is narrow, and sixty steps are few."""
+    """It has nothing to learn where it is; the door is narrow, and found by chance."""
     assert sum(leaves_its_room(seed) for seed in range(6)) >= 3
 
 
