@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import time
-from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,23 +19,18 @@ from rich.table import Table
 
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig
 from activeloc.beliefs.particles import ParticleBelief, ParticleConfig
+from activeloc.cli.calibrate import PLAIN
 from activeloc.maps import MapSource
 from activeloc.motion import MotionModel
 from activeloc.sensors import BeamModel
+from benchmarks import selective
 from benchmarks.selective import Walk, walk
 
-FIRST = 10
-"""Steps from the uniform belief that count as dense."""
-NEAR = 0.3, float(np.deg2rad(10.0))
-PLAIN_HISTOGRAM = HistogramConfig(
-    sigma_factor=1.0, likelihood_power=1.0, repetition=inf, contact_floor=1.0, odometry_floor=1.0,
-    slip=0.0, leak=0.0,
-)  # fmt: skip
+FIRST = 20
+"""Steps from the uniform belief that count as dense: a turn around, then drives."""
 PLAIN_PARTICLES = ParticleConfig(
-    sigma_factor=1.0, likelihood_power=1.0, repetition=inf, contact_floor=1.0, odometry_floor=1.0,
-    slip=0.0, leak=0.0, recovery="none", allocation=1.0, n_min=2_000, roughening_xy=0.02,
-    roughening_theta=0.02,
-)  # fmt: skip
+    **PLAIN, recovery="none", allocation=1.0, n_min=2_000, roughening_xy=0.02, roughening_theta=0.02
+)
 
 Filter = HistogramBelief | ParticleBelief
 
@@ -46,7 +40,7 @@ def filters() -> dict[str, Filter]:
     sensor, motion = BeamModel(), MotionModel()
     return {
         "histogram": HistogramBelief(1, HistogramConfig(), sensor, motion),
-        "histogram, plain": HistogramBelief(1, PLAIN_HISTOGRAM, sensor, motion),
+        "histogram, plain": HistogramBelief(1, HistogramConfig(**PLAIN), sensor, motion),
         "particles": ParticleBelief(1, ParticleConfig(), sensor, motion),
         "particles, plain": ParticleBelief(1, PLAIN_PARTICLES, sensor, motion),
     }
@@ -55,16 +49,13 @@ def filters() -> dict[str, Filter]:
 def start(belief: Filter, path: Walk, known: bool, seed: int) -> None:
     """From the uniform, or from near the truth; the first scan is read."""
     if isinstance(belief, HistogramBelief):
-        if known:
-            belief.reset_near(0, path.grid, path.poses[0], NEAR)
-        else:
-            belief.reset(0, path.grid)
+        selective.start(belief, path, known)
+        return
+    rng = np.random.default_rng(seed)
+    if known:
+        belief.reset_near(0, path.grid, rng, path.poses[0], selective.NEAR)
     else:
-        rng = np.random.default_rng(seed)
-        if known:
-            belief.reset_near(0, path.grid, rng, path.poses[0], NEAR)
-        else:
-            belief.reset(0, path.grid, rng)
+        belief.reset(0, path.grid, rng)
     belief.correct(0, path.scans[0])
 
 
@@ -77,8 +68,7 @@ def milliseconds(path: Walk, known: bool, seed: int, steps: int) -> dict[str, ND
     for step in range(steps):
         for name, belief in all_of_them.items():
             begun = time.thread_time()
-            belief.predict(0, path.u[step], bool(path.touched[step]))
-            belief.correct(0, path.scans[step + 1])
+            selective.update(belief, path, step)
             belief.summarise(0)
             took[name][step] = 1e3 * (time.thread_time() - begun)
     return took
@@ -90,8 +80,8 @@ def cost(walks: int, steps: int) -> Table:
     table = Table(title=f"{grid.name}: ms an update, {walks} walks")
     for column in ("", "default", "plain", "times"):
         table.add_column(column, justify="right")
-    milliseconds(walk(grid, 2, 0), False, 0, 2)  # Kernels are compiled, tables worked out.
-    milliseconds(walk(grid, 2, 0), True, 0, 2)
+    for known in (False, True):  # Kernels are compiled, and the tables of all travels worked out.
+        milliseconds(walk(grid, steps, 0), known, 0, steps)
     for known, what, n in ((False, f"first {FIRST} steps from everywhere", FIRST),
                            (True, f"{steps} steps, localized", steps)):  # fmt: skip
         runs = [milliseconds(walk(grid, n, seed), known, seed, n) for seed in range(walks)]

@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.table import Table
 
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig
+from activeloc.beliefs.particles import ParticleBelief
 from activeloc.grid import OccupancyGrid
 from activeloc.maps import MapSource
 from activeloc.motion import MotionModel
@@ -27,6 +28,7 @@ from activeloc.simulator import Simulator
 TURN, DRIVE = np.array([np.pi / 6.0, 0.0, 0.0]), np.array([0.0, 0.5, 0.0])
 CLEARANCE = 0.45  # A walk turns away where it reads less than this ahead [m].
 TURNS = 5  # As many times when it does.
+NEAR = 0.3, float(np.deg2rad(10.0))  # How well a robot that is known is known [m], [rad].
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,13 +85,13 @@ def belief_of(**settings: Any) -> HistogramBelief:
 def start(belief: HistogramBelief, path: Walk, known: bool) -> None:
     """From the uniform, or from near the truth; the first scan is read."""
     if known:
-        belief.reset_near(0, path.grid, path.poses[0], (0.3, np.deg2rad(10.0)))
+        belief.reset_near(0, path.grid, path.poses[0], NEAR)
     else:
         belief.reset(0, path.grid)
     belief.correct(0, path.scans[0])
 
 
-def update(belief: HistogramBelief, path: Walk, step: int) -> None:
+def update(belief: HistogramBelief | ParticleBelief, path: Walk, step: int) -> None:
     """One step of a filter along a walk."""
     belief.predict(0, path.u[step], bool(path.touched[step]))
     belief.correct(0, path.scans[step + 1])

@@ -10,7 +10,7 @@ from scipy.special import xlogy
 
 from activeloc.beliefs.background import Background
 from activeloc.beliefs.coarse import CoarseBins
-from activeloc.beliefs.common_bins import CommonBins, entropy
+from activeloc.beliefs.common_bins import CommonBins
 from activeloc.beliefs.plane_layout import PlaneLayout, Sheet
 from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.beliefs.reading_table import build_reading_table
@@ -55,7 +55,7 @@ class GridTables:
         )
         self.uniform_masses = self.background.masses(self.coarse)
         self.uniform_nats = xlogy(self.uniform_masses, self.uniform_masses)
-        self.uniform_entropy = entropy(self.uniform_masses)
+        self.uniform_entropy = -float(self.uniform_nats.sum())
         self.frame = np.array([*grid.origin, 1.0 / self.poses.cell_size])
         self._views: dict[tuple[int, int, int], CoarseBins] = {}
         self._spare: list[Sheet] = []

@@ -109,9 +109,9 @@ def mark(flags: NDArray[np.uint8], first: int, last: int) -> None:
 def add_up(
     of: NDArray[np.float32], at: np.uint64 | int, n: np.uint64 | int, sums: NDArray[np.float64]
 ) -> None:
-    """Add a stretch of blocks, no longer than a run, to ``(CHUNK / 4,)``: of its quarters each.
+    """Add a stretch of blocks, no longer than a run, to sums ``(CHUNK / 4,)``, four states to each.
 
-    Four states are added in their own precision before they are added to what is kept of many.
+    Those four are added in their own precision before they are added to what is kept of many.
     """
     quarter = n // np.uint64(4)
     second, third = at + quarter, at + quarter + quarter

@@ -53,7 +53,8 @@ STEPS = {"histogram": 8, "particles": 4}
 SETTINGS = ("belief", "sensor", "motion", "filter_sensor", "filter_motion", "actions")
 SMALL = "rooms(width=4,height=3,smallest=1.5):0"
 
-_PLAIN = {
+# Sensor and odometry at their word, every reading in full, nobody carried off.
+PLAIN: dict[str, Any] = {
     "sigma_factor": 1.0,
     "likelihood_power": 1.0,
     "repetition": inf,
@@ -68,7 +69,7 @@ _WEAK = {"beams": 3, "field_of_view": pi / 3, "sigma_hit": 0.3, "w_hit": 0.82, "
 _EXACT: dict[str, dict[str, dict[str, Any]]] = {
     # Drives of whole half cells and no heading noise of theirs: what its transition represents.
     "histogram": {
-        "belief": {**_PLAIN, "headings": 24, "least": 0.0, "precision": "float64"},
+        "belief": {**PLAIN, "headings": 24, "least": 0.0, "precision": "float64"},
         "sensor": _WEAK,
         "motion": {
             "odometry": {"rotation_from_rotation": 4 / 30, "translation_from_translation": 0.05}
@@ -76,7 +77,7 @@ _EXACT: dict[str, dict[str, dict[str, Any]]] = {
         "actions": {"forward": 0.4},
     },
     "particles": {
-        "belief": {**_PLAIN, "n_min": 10_000, "n_max": 10_000, "n_start": 10_000,
+        "belief": {**PLAIN, "n_min": 10_000, "n_max": 10_000, "n_start": 10_000,
                    "roughening_xy": 0.0, "roughening_theta": 0.0, "recovery": "none",
                    "directions": 0},
         "sensor": {**_WEAK, "beams": 6, "field_of_view": 3.0},
