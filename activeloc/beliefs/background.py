@@ -25,7 +25,7 @@ from math import exp, inf
 import numpy as np
 from numpy.typing import NDArray
 
-from activeloc.beliefs import plane_poses as kernels
+from activeloc.beliefs import grid_poses as kernels
 from activeloc.beliefs.coarse import CoarseBins
 from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.beliefs.reading_table import ReadingTable
@@ -113,18 +113,18 @@ class Background:
         """The uniform in coarser bins ``(Y * X, H)``."""
         by_cell = np.zeros(self.poses.shape)
         by_cell[self.poses.cells[:, 0], self.poses.cells[:, 1]] = self.share
-        by_row = np.zeros((bins.shape[0], by_cell.shape[1]))
-        for w in range(bins.row_bins.shape[1]):
-            np.add.at(by_row, bins.row_bins[:, w], bins.row_shares[:, w, None] * by_cell)
-        column = bins.col_first[:, None] + np.arange(bins.col_shares.shape[1])
-        under = by_row[:, column.clip(max=by_row.shape[1] - 1)]
-        by_place = (under * bins.col_shares).sum(axis=-1)
+        by_col = np.zeros((by_cell.shape[0], bins.shape[1]))
+        for m in range(bins.col_bins.shape[1]):
+            np.add.at(by_col.T, bins.col_bins[:, m], (by_cell * bins.col_shares[:, m]).T)
+        row = bins.row_first[:, None] + np.arange(bins.row_shares.shape[1])
+        under = by_col[row.clip(max=len(by_col) - 1)]
+        by_place = (under * bins.row_shares[:, :, None]).sum(axis=1).ravel()
         return np.outer(by_place, bins.headings.mean(axis=1))
 
     def view(self, bins: CoarseBins) -> NDArray[np.float64]:
-        """The same, kept for the next time."""
+        """The same ``(H, Y * X)``, kept for the next time."""
         if bins not in self._views:
-            self._views[bins] = self.masses(bins)
+            self._views[bins] = np.ascontiguousarray(self.masses(bins).T)
         return self._views[bins]
 
     def mass_near(self, pose: NDArray[np.float64], radius: float, angle: float) -> float:

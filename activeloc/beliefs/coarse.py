@@ -15,19 +15,28 @@ class CoarseBins:
     """Shares of a pose grid's rows, columns and heading bins in coarser ones.
 
     Attributes:
+        row_first: ``(Y,)``; first row under each coarse row.
+        row_shares: ``(Y, L)``; share in it of each of the rows from there.
+        col_bins: ``(cols, M)``; coarse columns under each column, and
+        col_shares: ``(cols, M)`` of it in each.
         headings: ``(H, K)``; share of each heading bin in each coarse one.
-        row_bins: ``(rows, W)``; coarse rows under each row, and
-        row_shares: ``(rows, W)`` of it in each.
-        col_first: ``(X,)``; first column under each coarse column.
-        col_shares: ``(X, M)``; share in it of each of the columns from there.
+        heading_start: ``(H + 1,)``; those that are in each coarse one begin so far in
+        heading_bin: ``(N,)``, with
+        heading_share: ``(N,)`` of them there.
+        even: How many whole heading bins there are in each coarse one, one after the other; 0 if
+            any is cut.
         shape: Coarse rows and columns, Y and X.
     """
 
-    headings: NDArray[np.float64]
-    row_bins: NDArray[np.int32]
+    row_first: NDArray[np.int32]
     row_shares: NDArray[np.float64]
-    col_first: NDArray[np.int32]
+    col_bins: NDArray[np.int32]
     col_shares: NDArray[np.float64]
+    headings: NDArray[np.float64]
+    heading_start: NDArray[np.int64]
+    heading_bin: NDArray[np.int32]
+    heading_share: NDArray[np.float64]
+    even: int
     shape: tuple[int, int]
 
     @classmethod
@@ -49,24 +58,34 @@ class CoarseBins:
             n_headings: Equal heading bins from -pi.
         """
         origin = poses.terrain.grid.origin
-        rows, row_shares = _along(poses.shape[0], poses, origin[1] - corner[1], size, shape[0])
-        cols, shares = _along(poses.shape[1], poses, origin[0] - corner[0], size, shape[1])
-        # A bin beyond the map, which no column lies under, starts where nothing is any more.
-        first = np.full(shape[1], poses.shape[1], dtype=np.int32)
-        column = np.repeat(np.arange(len(cols), dtype=np.int32), cols.shape[1])
+        rows, shares = _along(poses.shape[0], poses, origin[1] - corner[1], size, shape[0])
+        cols, col_shares = _along(poses.shape[1], poses, origin[0] - corner[0], size, shape[1])
+        # A bin beyond the map, which no row lies under, starts where nothing is any more.
+        first = np.full(shape[0], poses.shape[0], dtype=np.int32)
+        row = np.repeat(np.arange(len(rows), dtype=np.int32), rows.shape[1])
         counts = shares.ravel() > 0.0
-        np.minimum.at(first, cols.ravel()[counts], column[counts])
-        last = np.zeros(shape[1], dtype=np.int32)
-        np.maximum.at(last, cols.ravel()[counts], column[counts] + 1)
-        col_shares = np.zeros((shape[1], max(1, int((last - first).max()))))
-        at = cols.ravel()[counts]
-        np.add.at(col_shares, (at, column[counts] - first[at]), shares.ravel()[counts])
+        np.minimum.at(first, rows.ravel()[counts], row[counts])
+        last = np.zeros(shape[0], dtype=np.int32)
+        np.maximum.at(last, rows.ravel()[counts], row[counts] + 1)
+        row_shares = np.zeros((shape[0], max(1, int((last - first).max()))))
+        at = rows.ravel()[counts]
+        np.add.at(row_shares, (at, row[counts] - first[at]), shares.ravel()[counts])
         start = poses.thetas - 0.5 * poses.bin_width + np.pi
         bins, heading_shares = overlap(start, poses.bin_width, 2.0 * np.pi / n_headings)
         headings = np.zeros((n_headings, poses.headings))
         of = np.repeat(np.arange(poses.headings), bins.shape[1])
         np.add.at(headings, (bins.ravel() % n_headings, of), heading_shares.ravel())
-        return cls(headings / headings.sum(axis=0), rows, row_shares, first, col_shares, shape)
+        headings[headings < 1e-6] = 0.0  # What rounding cut off.
+        headings /= headings.sum(axis=0)
+        coarse, fine = np.nonzero(headings)
+        starts = np.searchsorted(coarse, np.arange(n_headings + 1))
+        even = poses.headings // n_headings
+        whole = np.array_equal(headings, np.repeat(np.eye(n_headings), max(1, even), axis=1))
+        return cls(
+            first, row_shares, cols, col_shares,
+            headings, starts, fine.astype(np.int32), headings[coarse, fine], even if whole else 0,
+            shape,
+        )  # fmt: skip
 
 
 def overlap(

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.beliefs.plane_layout import PlaneLayout
+from activeloc.beliefs.grid_layout import GridLayout
 from activeloc.beliefs.pose_grid import SUB, PoseGrid
 from activeloc.beliefs.profiles import masks, room_for, slot_of
 from activeloc.beliefs.sweep import Sweep
@@ -116,7 +116,7 @@ class FreeDistances:
     """
 
     def __init__(self, grid: PoseGrid) -> None:
-        world, layout = grid.terrain.grid, PlaneLayout(grid)
+        world, layout = grid.terrain.grid, GridLayout(grid)
         unit = 1.0 / UNITS / world.resolution
         sweep = Sweep(grid, grid.terrain, np.arange(1, 256, dtype=np.float64) * unit + MARGIN)
         n_cells, shape = len(grid.cells), (len(TURNS), SUB * SUB)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from scipy.special import xlogy
 from activeloc.beliefs.background import Background
 from activeloc.beliefs.coarse import CoarseBins
 from activeloc.beliefs.common_bins import CommonBins
-from activeloc.beliefs.plane_layout import PlaneLayout, Sheet
+from activeloc.beliefs.grid_layout import GridLayout, Sheet
 from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.beliefs.reading_table import build_reading_table
 from activeloc.beliefs.scan_likelihood import PoweredTable
@@ -43,7 +43,7 @@ class GridTables:
         self.precision = config.precision
         self.terrain = Terrain(grid, motion.radius)
         self.poses = PoseGrid(self.terrain, config.cell_size, config.headings)
-        self.layout = PlaneLayout(self.poses)
+        self.layout = GridLayout(self.poses)
         self.readings = build_reading_table(self.poses, sensor, config.reading_bin)
         self.powered = PoweredTable(self.readings, config.likelihood_power, config.precision)
         self.travel = TravelTable(self.poses, motion.odometry)
@@ -59,9 +59,8 @@ class GridTables:
         self.frame = np.array([*grid.origin, 1.0 / self.poses.cell_size])
         self._views: dict[tuple[int, int, int], CoarseBins] = {}
         self._spare: list[Sheet] = []
-        in_planes = np.zeros((config.headings, self.layout.size), dtype=config.precision)
-        in_planes[:, self.layout.place] = self.background.share / config.headings
-        self._everywhere = in_planes.ravel()
+        self.everywhere = self.layout.laid_out(self.uniform, config.precision)
+        """``(P * W,)``; the uniform belief over the open ground, laid out."""
 
     @property
     def uniform(self) -> NDArray[np.float64]:
@@ -69,10 +68,10 @@ class GridTables:
         headings = self.poses.headings
         return np.repeat(self.background.share[:, None] / headings, headings, axis=1)
 
-    @property
-    def uniform_planes(self) -> NDArray[np.floating]:
-        """``(K * P,)``; the same in planes."""
-        return self._everywhere
+    @cached_property
+    def contact(self) -> NDArray[np.floating]:
+        """``(P * W,)``; :attr:`TravelTable.near` in the belief's precision."""
+        return self.travel.near.astype(self.precision, copy=False)
 
     def view_bins(self, headings: int, rows: int, cols: int) -> CoarseBins:
         """The bins of a view of the belief; see :mod:`activeloc.beliefs.view`."""
@@ -85,7 +84,7 @@ class GridTables:
         return self._views[key]
 
     def take(self) -> Sheet:
-        """A sheet to write on; what it holds is in its runs."""
+        """A sheet to write on; what it still holds is at its listed places."""
         try:
             return self._spare.pop()
         except IndexError:

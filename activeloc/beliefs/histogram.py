@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from activeloc.beliefs import NEAR_ANGLE, NEAR_RADIUS, Summary
 from activeloc.beliefs.background import elsewhere_after
 from activeloc.beliefs.common_bins import CommonBins
+from activeloc.beliefs.grid_belief import GridBelief
 from activeloc.beliefs.grid_tables import GridTables, tables_of
 from activeloc.beliefs.past import Read
 from activeloc.beliefs.place import PlaceMemory
-from activeloc.beliefs.plane_belief import PlaneBelief
 from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.beliefs.scan_likelihood import ScanLikelihood
 from activeloc.beliefs.settings import HistogramConfig
@@ -30,7 +30,7 @@ from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import MotionModel, Terrain, wrap
 from activeloc.sensors import RangeSensor
-from activeloc.sensors.readings import check_scan, widened
+from activeloc.sensors.readings import check_one_scan, widened
 
 __all__ = ["GridTables", "HistogramBelief", "HistogramConfig", "turn_taps"]
 
@@ -76,15 +76,18 @@ class HistogramBelief:
             grid: Its map.
             prior: ``(C, K)`` over the states of :meth:`poses`, summing to one; uniform over the
                 open ground if None.
+
+        Raises:
+            ConfigError: If the prior has another shape, a number below zero or none, or no mass.
         """
         tables = tables_of(grid, self.config, self.sensor, self.motion)
+        if prior is None:
+            bel = GridBelief(tables, tables.everywhere)
+        else:
+            bel = GridBelief.of(tables, _checked(np.asarray(prior), tables))
         before = self._tracks[robot]
         if before is not None:
             before.bel.drop()
-        if prior is None:
-            bel = PlaneBelief(tables, tables.uniform_planes)
-        else:
-            bel = PlaneBelief.of(tables, np.asarray(prior))
         self._tracks[robot] = Track(tables, self.config, bel)
 
     def reset_near(
@@ -101,8 +104,9 @@ class HistogramBelief:
         poses = tables_of(grid, self.config, self.sensor, self.motion).poses
         offset = (poses.centres - pose[:2]) / np.hypot(sigma[0], 0.3 * poses.cell_size)
         turn = wrap(poses.thetas - pose[2]) / np.hypot(sigma[1], 0.3 * poses.bin_width)
-        weight = np.exp(-0.5 * (offset**2).sum(axis=1)) * poses.area
-        prior = np.outer(weight, np.exp(-0.5 * turn**2))
+        log_weight = np.log(poses.area) - 0.5 * (offset**2).sum(axis=1)
+        # Far from the open ground what is nearest counts, however little that is.
+        prior = np.outer(np.exp(log_weight - log_weight.max()), np.exp(-0.5 * turn**2))
         prior[prior < prior.max() * 1e-9] = 0.0
         self.reset(robot, grid, prior / prior.sum())
 
@@ -185,28 +189,26 @@ class HistogramBelief:
         Raises:
             ScanError: If the scan is not one of the sensor's.
         """
-        track, table = self._track(robot), self._track(robot).tables.readings
-        readings = table.bins.index(check_scan(scan, self.sensor))
+        track = self._track(robot)
+        table, place, bearings = track.tables.readings, track.place, self.sensor.bearings
+        readings = table.bins.index(check_one_scan(scan, self.sensor))
         valid = readings >= 0
         if not valid.any():
             return 0.0
-        bearings = self.sensor.bearings
-        weights = np.zeros(len(readings))
-        weights[valid] = self.config.likelihood_power * track.place.weigh(bearings[valid])
-        track.has_news = bool(weights.any())
-        track.has_widened = False
+        weights = place.weigh(bearings, valid) * self.config.likelihood_power
+        likelihood = ScanLikelihood.of(table, track.tables.powered, readings, weights)
+        track.has_news, track.has_widened = len(likelihood.beams) > 0, False
         if not track.has_news:
-            track.place.read(bearings[valid])
+            place.read(bearings, valid)
             track.normalise(1.0)  # What turns have spread thin is let go all the same.
             return 0.0
-        likelihood = ScanLikelihood.of(table, track.tables.powered, readings, weights)
         total, shift = track.bel.read(likelihood)
         evidence = log(total) + shift if total > 0.0 else -inf
         if self.carries_background:
             evidence = self._watch(track, likelihood, total, evidence)
         if evidence == -inf:
             return -inf
-        track.place.read(bearings[valid])
+        place.read(bearings, valid)
         if not track.has_widened:
             track.normalise(total)
         return evidence
@@ -296,7 +298,7 @@ class HistogramBelief:
         out, w = track.bel.masses(bins), track.elsewhere
         if w > 0.0:
             out = (1.0 - w) * out + w * track.tables.background.view(bins)
-        return np.ascontiguousarray(out.T).reshape(headings, rows, cols)
+        return out.reshape(headings, rows, cols)
 
     def sample(self, robot: int, n: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """See :class:`Belief`; systematic over the states, uniform within each."""
@@ -323,3 +325,16 @@ class HistogramBelief:
         cell, heading = tables.poses.states_of(poses)
         rows = tables.readings.rows_of(cell, heading).astype(np.int32)
         return rows, tables.readings.log_p
+
+
+def _checked(prior: NDArray[np.floating], tables: GridTables) -> NDArray[np.floating]:
+    """A prior that is one."""
+    shape = len(tables.layout.place), tables.layout.headings
+    if prior.shape != shape:
+        raise ConfigError(f"the prior must have shape {shape}, got {prior.shape}")
+    if not (np.isfinite(prior).all() and (prior >= 0.0).all() and prior.any()):
+        raise ConfigError(
+            f"the prior must be finite, not below zero and not zero everywhere; it lies in "
+            f"[{prior.min():g}, {prior.max():g}] and sums to {prior.sum():g}"
+        )
+    return prior

@@ -36,7 +36,7 @@ from activeloc.errors import ConfigError
 from activeloc.grid import OccupancyGrid
 from activeloc.motion import MotionModel, Terrain, wrap
 from activeloc.sensors import RangeSensor
-from activeloc.sensors.readings import check_scan
+from activeloc.sensors.readings import check_one_scan
 
 __all__ = ["ParticleBelief", "ParticleConfig"]
 
@@ -207,15 +207,14 @@ class ParticleBelief:
             ScanError: If the scan is not one of the sensor's.
         """
         cloud = self._cloud(robot)
-        readings = self.reading_bins.index(check_scan(scan, self.sensor))
+        readings = self.reading_bins.index(check_one_scan(scan, self.sensor))
         valid = readings >= 0
         if not valid.any():
             return 0.0
-        weights = np.zeros(len(readings))
-        weights[valid] = cloud.place.weigh(self.sensor.bearings[valid])
+        weights = cloud.place.weigh(self.sensor.bearings, valid)
         n = float(weights.sum())
         if n == 0.0:
-            cloud.place.read(self.sensor.bearings[valid])
+            cloud.place.read(self.sensor.bearings, valid)
             return 0.0
         counted = Counted(readings, weights)
         log_w = cloud.log_w.copy()
@@ -223,7 +222,7 @@ class ParticleBelief:
         evidence, stayed = take_in(self.model, cloud, counted, log_w)
         if evidence == -inf:
             return -inf
-        cloud.place.read(self.sensor.bearings[valid])
+        cloud.place.read(self.sensor.bearings, valid)
         # Scans of which more readings count are less likely, whatever the belief.
         share = cloud.means.add(exp(stayed / n))
         if self.config.recovery == "augmented" and share > 0.0:

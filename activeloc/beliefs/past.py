@@ -16,8 +16,8 @@ from math import exp, inf, log
 import numpy as np
 from numpy.typing import NDArray
 
+from activeloc.beliefs.grid_belief import GridBelief
 from activeloc.beliefs.grid_tables import GridTables
-from activeloc.beliefs.plane_belief import PlaneBelief
 from activeloc.beliefs.scan_likelihood import ScanLikelihood
 
 REMEMBERED = 20  # Steps.
@@ -25,7 +25,7 @@ REMEMBERED = 20  # Steps.
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """A rotation: :meth:`PlaneBelief.rotate`'s arguments."""
+    """A rotation: :meth:`GridBelief.rotate`'s arguments."""
 
     first: int
     taps: NDArray[np.float64]
@@ -97,7 +97,7 @@ class Past:
         """An independent copy."""
         return Past([(w, list(events)) for w, events in self.steps])
 
-    def relive(self, tables: GridTables) -> tuple[PlaneBelief, float, float]:
+    def relive(self, tables: GridTables) -> tuple[GridBelief, float, float]:
         """The background after all of it.
 
         Args:
@@ -114,7 +114,7 @@ class Past:
                 evidence = replay.apply(event)
                 if evidence == -inf:
                     replay.bel.drop()
-                    return PlaneBelief(tables), 0.0, -inf
+                    return GridBelief(tables), 0.0, -inf
         return replay.bel, replay.here, evidence
 
 
@@ -122,7 +122,7 @@ class _Replay:
     """The background, laid out, and what the local part weighs against it."""
 
     def __init__(self, tables: GridTables, w: float) -> None:
-        self.bel = PlaneBelief(tables, tables.uniform_planes)
+        self.bel = GridBelief(tables, tables.everywhere)
         self.bel.scale(w)
         self.here = 1.0 - w
 

@@ -34,19 +34,42 @@ def _sectors(
 
 @njit(cache=True, nogil=True)
 def _weigh(
-    sector: NDArray[np.intp], readings: NDArray[np.int64], r: float, out: NDArray[np.float64]
+    heading: float,
+    bearings: NDArray[np.float64],
+    valid: NDArray[np.bool_],
+    readings: NDArray[np.int64],
+    r: float,
+    out: NDArray[np.float64],
 ) -> None:
-    """Fill ``out (B,)`` with what one more reading in each beam's sector counts."""
+    """Fill ``out (B,)`` with what one more reading in each beam's sector counts, 0 if invalid."""
+    sector = np.empty(bearings.shape[0], dtype=np.intp)
+    _sectors(heading, bearings, readings.shape[0], sector)
     for b in range(sector.shape[0]):
         nth = float(readings[sector[b]])
         for before in range(b):
-            nth += sector[before] == sector[b]
-        if np.isinf(r):
+            nth += valid[before] and sector[before] == sector[b]
+        if not valid[b]:
+            out[b] = 0.0
+        elif np.isinf(r):
             out[b] = 1.0
         elif r == 0.0:
             out[b] = 1.0 if nth == 0.0 else 0.0
         else:
             out[b] = (1.0 + r) * r / ((nth + r) * (nth + 1.0 + r))
+
+
+@njit(cache=True, nogil=True)
+def _count(
+    heading: float,
+    bearings: NDArray[np.float64],
+    valid: NDArray[np.bool_],
+    readings: NDArray[np.int64],
+) -> None:
+    """Add a reading to the sector of each valid beam."""
+    sector = np.empty(bearings.shape[0], dtype=np.intp)
+    _sectors(heading, bearings, readings.shape[0], sector)
+    for b in range(sector.shape[0]):
+        readings[sector[b]] += valid[b]
 
 
 class PlaceMemory:
@@ -91,18 +114,25 @@ class PlaceMemory:
         _sectors(self.heading, np.asarray(bearings, dtype=np.float64), self.sectors, out)
         return out
 
-    def weigh(self, bearings: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How much a reading in each direction ``(B,)`` counts now: in (0, 1].
+    def weigh(
+        self, bearings: NDArray[np.float64], valid: NDArray[np.bool_] | None = None
+    ) -> NDArray[np.float64]:
+        """How much a reading in each direction ``(B,)`` counts now: in [0, 1].
 
         Several beams in one sector are successive readings of it. Changes nothing.
+
+        Args:
+            bearings: Relative to the robot's heading [rad].
+            valid: ``(B,)``; which of them have a reading, all if None. Others count 0.
         """
+        bearings, valid = _directions(bearings, valid)
         result = np.empty(len(bearings))
-        _weigh(self.sector(bearings), self.readings, self.repetition, result)
+        _weigh(self.heading, bearings, valid, self.readings, self.repetition, result)
         return result
 
-    def read(self, bearings: NDArray[np.float64]) -> None:
-        """Remember a reading in each of the directions ``(B,)``."""
-        np.add.at(self.readings, self.sector(bearings), 1)
+    def read(self, bearings: NDArray[np.float64], valid: NDArray[np.bool_] | None = None) -> None:
+        """Remember a reading in each of the directions ``(B,)`` that has one; see :meth:`weigh`."""
+        _count(self.heading, *_directions(bearings, valid), self.readings)
 
     def refuse(self) -> bool:
         """Remember that the way ahead is blocked; true if that is news."""
@@ -115,3 +145,11 @@ class PlaceMemory:
     def is_refused(self) -> bool:
         """Whether the way ahead is known to be blocked."""
         return bool(self.refused[self.sector(np.zeros(1))[0]])
+
+
+def _directions(
+    bearings: NDArray[np.float64], valid: NDArray[np.bool_] | None
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """As kernels take them."""
+    bearings = np.asarray(bearings, dtype=np.float64)
+    return bearings, np.ones(len(bearings), dtype=np.bool_) if valid is None else valid

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.beliefs.plane_layout import PlaneLayout
+from activeloc.beliefs.grid_layout import GridLayout
 
 LEVELS = 32  # Shares of a cell's rays are rounded to multiples of 1 / LEVELS.
 
@@ -49,7 +49,7 @@ def slot_of(known: NDArray[np.uint64], key: np.uint64) -> np.uint64:
     return at
 
 
-def masks(is_open: NDArray[np.bool_], layout: PlaneLayout) -> NDArray[np.uint8]:
+def masks(is_open: NDArray[np.bool_], layout: GridLayout) -> NDArray[np.uint8]:
     """``(S, P)``; all bits set where a sub-pose of a cell ``(C, S)`` is open."""
     result = np.zeros((is_open.shape[1], layout.size), dtype=np.uint8)
     result[:, layout.place] = np.where(is_open.T, 255, 0)
@@ -176,7 +176,7 @@ class Profiles:
         layout: Places of the cells.
     """
 
-    def __init__(self, n_classes: int, is_open: NDArray[np.bool_], layout: PlaneLayout) -> None:
+    def __init__(self, n_classes: int, is_open: NDArray[np.bool_], layout: GridLayout) -> None:
         self._mask, self._place = masks(is_open, layout), layout.place
         self._high, self._low = np.empty((2, layout.size), dtype=np.uint32)
         self._keys = 2 * np.random.default_rng(0).integers(0, 2**63, n_classes, np.uint64) + 1

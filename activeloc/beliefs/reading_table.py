@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from activeloc.beliefs.plane_layout import PlaneLayout
+from activeloc.beliefs.grid_layout import GridLayout
+from activeloc.beliefs.lanes import N_LANES
 from activeloc.beliefs.pose_grid import SUB, PoseGrid
 from activeloc.beliefs.profiles import Profiles
 from activeloc.beliefs.sweep import Sweep
@@ -31,10 +32,10 @@ class ReadingTable:
 
     Attributes:
         bins: What the readings are sorted into, Z bins.
-        planes: ``(D * P,)``; row of each direction and place, in the planes of
-            :class:`~activeloc.beliefs.plane_layout.PlaneLayout`. Directions divide the circle
-            evenly from the first heading bin's centre, so direction ``per_heading * k`` is heading
-            bin k's.
+        rows: ``(P * per_heading * (K + LANES) + LANES,)``; for each place and *phase* (a direction
+            modulo ``per_heading``) the rows of that phase's K directions, and the first LANES
+            again. Directions divide the circle evenly from the first heading bin's centre, so
+            direction ``per_heading * k`` is heading bin k's.
         place: ``(C,)``; place of each cell.
         n_directions: D.
         log_p: ``(Z, R)`` of float32; log P(z | row). Each column is a distribution.
@@ -44,7 +45,7 @@ class ReadingTable:
     """
 
     bins: ReadingBins
-    planes: NDArray[np.unsignedinteger]
+    rows: NDArray[np.unsignedinteger]
     place: NDArray[np.int32]
     n_directions: int
     log_p: NDArray[np.float32]
@@ -56,14 +57,21 @@ class ReadingTable:
     ) -> NDArray[np.unsignedinteger]:
         """``(N, B)``; row of each beam from states of cells ``(N,)`` and heading bins ``(N,)``."""
         direction = heading[:, None].astype(np.int64) * self.per_heading + self.offsets
-        size = len(self.planes) // self.n_directions
-        return self.planes[direction % self.n_directions * size + self.place[cell, None]]
+        k, phase = np.divmod(direction % self.n_directions, self.per_heading)
+        return self._by_phase[self.place[cell, None], phase, k]
+
+    @property
+    def _by_phase(self) -> NDArray[np.unsignedinteger]:
+        """``(P, per_heading, K + LANES)``."""
+        stretch = self.n_directions // self.per_heading + N_LANES
+        n = len(self.rows) - N_LANES
+        return self.rows[:n].reshape(-1, self.per_heading, stretch)
 
     @cached_property
     def row(self) -> NDArray[np.unsignedinteger]:
         """``(C, D)``; row of each cell and direction."""
-        planes = self.planes.reshape(self.n_directions, -1)
-        return np.ascontiguousarray(planes[:, self.place].T)
+        by_phase = self._by_phase[self.place, :, :-N_LANES]
+        return by_phase.transpose(0, 2, 1).reshape(len(self.place), -1)
 
 
 def directions(bearings: NDArray[np.float64], bin_width: float) -> tuple[int, NDArray[np.int32]]:
@@ -84,7 +92,7 @@ def _expected_range_rows(
     grid: PoseGrid, sensor: ExpectedRangeSensor, bins: ReadingBins, angles: NDArray[np.float64]
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """Row of each direction and place, and the rows' probabilities, from expected ranges alone."""
-    layout, world = PlaneLayout(grid), grid.terrain.grid
+    layout, world = GridLayout(grid), grid.terrain.grid
     n_ranges = PER_BIN * (len(bins) - 1)
     # A range on the edge of a class (a wall met at 60 degrees) goes up in every like room, however
     # its coordinates were rounded.
@@ -116,7 +124,7 @@ def _sampled_rows(
             rays = np.concatenate([sub_poses, np.full((*sub_poses.shape[:-1], 1), angle)], axis=-1)
             p = sensor.bin_probabilities(grid.terrain.grid, rays, bins)
             rows[:, d] += np.einsum("csz,cs->cz", p, weight)
-    layout = PlaneLayout(grid)
+    layout = GridLayout(grid)
     row = np.zeros((n_directions, layout.size), dtype=np.int32)
     row[:, layout.place] = np.arange(n_cells * n_directions).reshape(n_cells, n_directions).T
     return row, rows.reshape(-1, len(bins))
@@ -136,8 +144,17 @@ def _by_use(
     order = np.argsort(-used, kind="stable")
     rank = np.empty(len(p), dtype=np.uint16 if len(p) <= 2**16 else np.uint32)
     rank[order] = np.arange(len(p))
-    planes: NDArray[Any] = rank[row].ravel()
-    return planes, p[order]
+    ranks: NDArray[Any] = rank[row]
+    return ranks, p[order]
+
+
+def _phase_rows(row: NDArray[np.unsignedinteger], per_heading: int) -> NDArray[Any]:
+    """:attr:`ReadingTable.rows` from rows ``(D, P)``."""
+    headings = len(row) // per_heading
+    by_phase = row.reshape(headings, per_heading, -1).transpose(2, 1, 0)
+    rows = by_phase[:, :, np.arange(headings + N_LANES) % headings]
+    # The last ones are asked for eight at a time.
+    return np.append(rows, np.zeros(N_LANES, dtype=row.dtype))
 
 
 def build_reading_table(grid: PoseGrid, sensor: RangeSensor, reading_bin: float) -> ReadingTable:
@@ -158,9 +175,10 @@ def build_reading_table(grid: PoseGrid, sensor: RangeSensor, reading_bin: float)
         row, p = _expected_range_rows(grid, sensor, bins, angles)
     else:
         row, p = _sampled_rows(grid, sensor, bins, angles)
-    place = PlaneLayout(grid).place
-    planes, p = _by_use(row, p, place)
+    place = GridLayout(grid).place
+    ranks, p = _by_use(row, p, place)
     with np.errstate(divide="ignore"):
         log_p = np.log(p).astype(np.float32)
     log_p = np.ascontiguousarray(log_p.T)
-    return ReadingTable(bins, planes, place, len(centres), log_p, offsets, per_heading)
+    rows = _phase_rows(ranks, per_heading)
+    return ReadingTable(bins, rows, place, len(centres), log_p, offsets, per_heading)

@@ -14,8 +14,8 @@ from math import exp, log
 import numpy as np
 from numpy.typing import NDArray
 
-from activeloc.beliefs import plane_likelihood as kernels
-from activeloc.beliefs.plane_turns import Turning
+from activeloc.beliefs import grid_likelihood as kernels
+from activeloc.beliefs.grid_layout import GridLayout, Sheet
 from activeloc.beliefs.reading_table import ReadingTable
 
 SPAN = 60.0  # Greatest log-range of a product: exp(-60) times the least state is a float32 still.
@@ -49,6 +49,7 @@ class ScanLikelihood:
         readings: ``(A,)``; their bins and
         weights: ``(A,)``; how much each counts.
         as_product: Whether likelihoods are multiplied.
+        highest: Logarithm of the largest product there can be, if they are.
     """
 
     table: ReadingTable
@@ -57,6 +58,7 @@ class ScanLikelihood:
     readings: NDArray[np.int32]
     weights: NDArray[np.float64]
     as_product: bool
+    highest: float
 
     @classmethod
     def of(
@@ -67,51 +69,32 @@ class ScanLikelihood:
         weights: NDArray[np.float64],
     ) -> ScanLikelihood:
         """From a scan's bins ``(B,)``, -1 for no reading, and how much each counts ``(B,)``."""
-        beams = np.flatnonzero((readings >= 0) & (weights > 0.0))
-        readings, weights = readings[beams], weights[beams]
-        alike = bool((weights == powered.power).all())
-        narrow = alike and float((powered.high[readings] - powered.low[readings]).sum()) <= SPAN
-        return cls(table, powered, beams, readings, weights, narrow)
+        beams, readings, weights, alike, lowest, highest = kernels.sort_out(
+            readings, weights, powered.power, powered.low, powered.high
+        )
+        as_product = bool(alike and highest - lowest <= SPAN and abs(highest) <= SPAN)
+        return cls(table, powered, beams, readings, weights, as_product, highest)
 
-    @property
-    def _highest(self) -> float:
-        """Logarithm of the largest product there can be."""
-        return float(self.powered.high[self.readings].sum())
-
-    def multiply(
-        self,
-        values: NDArray[np.floating],
-        runs: NDArray[np.int32],
-        n: int,
-        size: int,
-        turning: Turning,
-        divisor: float,
-        out: NDArray[np.floating],
-        out_runs: NDArray[np.int32],
-        n_out: int,
-        flags: NDArray[np.uint8],
-    ) -> tuple[int, float, float]:
-        """Weigh a belief as a product, after a turn; see :func:`plane_likelihood.multiply`.
+    def multiply(self, sheet: Sheet, layout: GridLayout, divisor: float) -> tuple[float, float]:
+        """Weigh a belief as a product; see :func:`grid_likelihood.multiply`.
 
         Returns:
-            How many runs there are, the sum, and what its logarithm lacks: the log-evidence is
-            ``log(sum) + shift``.
+            The sum, and what its logarithm lacks: the log-evidence is ``log(sum) + shift``.
         """
-        table, shift = self.table, self._highest
-        n, total = kernels.multiply(
-            values, runs, n, size, turning, table.planes, self.powered.p, self.readings,
+        table, p, shift = self.table, self.powered.p, self.highest
+        total = kernels.multiply(
+            sheet.values, sheet.places, sheet.n, layout.headings, layout.width,
+            table.rows, p.ravel(), p.shape[1], self.readings,
             table.offsets[self.beams], table.per_heading, exp(-shift) / divisor,
-            out, out_runs, n_out, flags,
         )  # fmt: skip
-        return n, float(total), shift
+        return float(total), shift
 
-    def add_logarithms(
-        self, values: NDArray[np.floating], runs: NDArray[np.int32], n: int, size: int
-    ) -> tuple[float, float]:
-        """Weigh a belief by sums of logarithms; see :func:`plane_likelihood.add_logarithms`."""
+    def add_logarithms(self, sheet: Sheet, layout: GridLayout) -> tuple[float, float]:
+        """Weigh a belief by sums of logarithms; see :func:`grid_likelihood.add_logarithms`."""
         table = self.table
         total, shift = kernels.add_logarithms(
-            values, runs, n, size, table.planes, table.log_p, self.readings,
+            sheet.values, sheet.places, sheet.n, layout.headings, layout.width,
+            table.rows, table.log_p, self.readings,
             table.offsets[self.beams], self.weights, table.per_heading,
         )  # fmt: skip
         return float(total), float(shift)
@@ -120,9 +103,9 @@ class ScanLikelihood:
         """Logarithm of the average likelihood over states given by all their rows ``(B, S)``."""
         if self.as_product:
             mean = kernels.mean_product(
-                rows, self.beams, self.powered.p, self.readings, exp(-self._highest)
+                rows, self.beams, self.powered.p, self.readings, exp(-self.highest)
             )
-            return log(mean) + self._highest
+            return log(mean) + self.highest
         return float(
             kernels.log_mean(rows, self.beams, self.table.log_p, self.readings, self.weights)
         )

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activeloc.beliefs import row_layout
 from activeloc.beliefs import travel_rows as kernels
 from activeloc.beliefs.free_distance import FreeDistances
+from activeloc.beliefs.grid_layout import GridLayout
 from activeloc.beliefs.landings import Landings
-from activeloc.beliefs.plane_layout import BLOCK, PlaneLayout
 from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.beliefs.profiles import room_for
 
@@ -34,22 +32,6 @@ class SharedRows:
     step: NDArray[np.int32]
     weight: NDArray[np.float32]
     held: NDArray[np.float64]
-
-    def laid_out(self, layout: PlaneLayout) -> tuple[NDArray[np.int64], NDArray[Any], NDArray[Any]]:
-        """Where the entries of each block of states start; sources and targets of all N."""
-        # The number -1, of no row, is the last one: of nothing.
-        n = int(np.append(np.diff(self.first), 0)[self.row].sum())
-        small = np.dtype(np.uint16 if layout.size <= 2**16 else np.uint32)
-        start = np.empty(layout.headings * layout.size // BLOCK + 1, dtype=np.int64)
-        source, target = np.empty(n, small), np.empty(n, small)
-        row_layout.lay_out(self.row, layout.place, self.first, self.step, start, source, target)
-        return start, source, target
-
-    def spread(self, values: NDArray[np.floating], n: int) -> NDArray[np.floating]:
-        """``(N,)``; what each state's entries have of the rows' ``(M,)``."""
-        out = np.empty(n, dtype=values.dtype)
-        row_layout.spread(self.row, self.first, values, out)
-        return out
 
     def mixed(self, floor: float) -> NDArray[np.float64]:
         """``(M,)``; weights where ways that an obstacle cuts short count ``floor``."""
@@ -75,7 +57,6 @@ class RowBuilder:
 
     Attributes:
         rows: Of all states.
-        plain: ``(K, P)``; 1 in the states on open ground.
     """
 
     def __init__(
@@ -86,9 +67,8 @@ class RowBuilder:
         p_free: NDArray[np.float64],
         is_safe: NDArray[np.bool_],
     ) -> None:
-        self._layout, self._free, self._lands = PlaneLayout(grid), free, lands
+        self._layout, self._free, self._lands = GridLayout(grid), free, lands
         half, n_cells = lands.half, len(grid.cells)
-        self._shape = grid.shape
         self._exists = np.pad((grid.index >= 0).astype(np.uint8), half)
         self._corner = (grid.cells @ (self._exists.shape[1], 1)).astype(np.int64)
         n_slots, room = (2 * half + 1) ** 2, room_for(n_cells)
@@ -96,7 +76,6 @@ class RowBuilder:
         self._known, self._number = np.empty(room, np.uint64), np.empty(room, np.int32)
         self._share = grid.area / grid.area.sum()
         self._row = np.empty((grid.headings, n_cells), dtype=np.int32)
-        self.plain = np.zeros((grid.headings, self._layout.size), dtype=np.uint8)
         room = n_cells * max(len(slots) for slots in lands.ends)
         self._cell, self._first = np.empty(n_cells, np.int32), np.empty(n_cells, np.int64)
         self._held = np.empty(n_cells)
@@ -124,13 +103,12 @@ class RowBuilder:
 
     def _sort(self, k: int, is_safe: NDArray[np.bool_]) -> int:
         """Number the rows of heading k; returns how many there are."""
-        lands, (rows, cols) = self._lands, self._shape
-        plain = self.plain[k, : rows * cols].reshape(rows, cols)
+        lands = self._lands
+        stencil = lands.stencil_step[slice(*lands.stencil_start[k : k + 2])]
         n: int = kernels.sort_states(
             self._free.kind[k], is_safe, self._layout.place, self._share, self._exists,
-            lands.stencil_step[slice(*lands.stencil_start[k : k + 2])], lands.ends[k], self._keys,
-            self._known, self._number, self._row[k], plain,
-            self._cell, self._held,
+            lands.half, stencil, lands.ends[k], self._keys,
+            self._known, self._number, self._row[k], self._cell, self._held,
         )  # fmt: skip
         return n
 

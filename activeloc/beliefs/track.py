@@ -15,10 +15,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from activeloc.beliefs.background import elsewhere_after
+from activeloc.beliefs.grid_belief import GridBelief
 from activeloc.beliefs.grid_tables import GridTables
 from activeloc.beliefs.past import Absorbed, Leaked, Past, Touched, Travelled, Turn
 from activeloc.beliefs.place import PlaceMemory
-from activeloc.beliefs.plane_belief import PlaneBelief
 from activeloc.beliefs.settings import HistogramConfig
 from activeloc.motion import SLIP_ANGLE, SLIP_TRAVEL, MotionNoise
 
@@ -79,7 +79,7 @@ class Track:
         past: What happened to the belief.
     """
 
-    def __init__(self, tables: GridTables, config: HistogramConfig, bel: PlaneBelief) -> None:
+    def __init__(self, tables: GridTables, config: HistogramConfig, bel: GridBelief) -> None:
         self.tables = tables
         self.config = config
         self.bel = bel
@@ -106,13 +106,13 @@ class Track:
     def live_share(self) -> float:
         """Share of the cells that hold any mass."""
         n = len(self.tables.layout.place)
-        return self.bel.cells_held(n - 1) / n
+        return self.bel.cells_held() / n
 
     def predict(self, u: NDArray[np.float64], noise: MotionNoise, touched: bool) -> None:
         """See :meth:`HistogramBelief.predict`."""
         self.past.begin(self.elsewhere)
         first, trans, last = float(u[0]), float(u[1]), float(u[2])
-        slips, was = self._is_slipping(u), None
+        slips, was = any((first, trans, last)) and self._is_slipping(), None
         if slips:
             self.bel.settle()
             was = self.bel.turned(*self._spread(first + last)) if trans != 0.0 else None
@@ -133,15 +133,15 @@ class Track:
         if self.config.leak > 0.0 and self.has_news:
             self._leak(self.config.leak)
 
-    def _is_slipping(self, u: NDArray[np.float64]) -> bool:
+    def _is_slipping(self) -> bool:
         """Whether some of the mass is not to take the odometry at its word.
 
         A belief that is all over the map has the mass that a slip would bring there already.
         """
-        if self.config.slip == 0.0 or not u.any():
+        if self.config.slip == 0.0:
             return False
         most = SPARSE * len(self.tables.layout.place)
-        return self.bel.cells_held(int(most)) <= most
+        return self.bel.cells_held() <= most
 
     def _spread(self, turn: float) -> tuple[int, int]:
         """Turns that a badly wrong reading may stand for, alike: first [bin], and how many.
@@ -152,7 +152,7 @@ class Track:
         reach = round(SLIP_ANGLE / width)
         return round(turn / width) - reach, 2 * reach + 1
 
-    def _slip(self, was: PlaneBelief, trans: float) -> None:
+    def _slip(self, was: GridBelief, trans: float) -> None:
         """Mix in what a badly wrong reading of a travel may stand for.
 
         Of its travels only two: none, and half a metre the way that was read.

@@ -56,13 +56,13 @@ def sort_states(
     place: NDArray[np.int32],
     share: NDArray[np.float64],
     exists: NDArray[np.uint8],
+    half: int,
     steps: NDArray[np.int32],
     ends: NDArray[np.int64],
     keys: NDArray[np.uint64],
     known: NDArray[np.uint64],
     number: NDArray[np.int32],
     row: NDArray[np.int32],
-    plain: NDArray[np.uint8],
     cell: NDArray[np.int32],
     held: NDArray[np.float64],
 ) -> int:
@@ -73,30 +73,30 @@ def sort_states(
         is_safe: For each kind, whether all its ways are open without doubt.
         place: ``(C,)``.
         share: ``(C,)``; of the open ground.
-        exists: See :func:`_look_around`, also for
-        steps: the stencil's,
+        exists: ``(rows + 2 R, cols + 2 R)``; 1 where the belief has a cell.
+        half: R.
+        steps: ``(E, 2)`` of rows and columns that the stencil reaches,
         ends: slots, and
         keys: theirs.
         known: An open table, overwritten, and
         number: what it has, overwritten.
         row: ``(C,)``, overwritten; -1 on open ground.
-        plain: ``(rows, cols)``, zeros, overwritten with 1 on open ground.
         cell: ``(C,)``, overwritten with the first cell of each row, and
         held: ``(C,)`` with the share of the states that have it.
 
     Returns:
         How many rows there are.
     """
-    around = np.empty(plain.shape, dtype=np.uint64)
-    lands = np.empty(plain.shape, dtype=np.uint8)
+    shape = exists.shape[0] - 2 * half, exists.shape[1] - 2 * half
+    around, lands = np.empty(shape, dtype=np.uint64), np.empty(shape, dtype=np.uint8)
     _look_around(exists, steps, ends, keys, lands, around)
-    sums, stencil, is_plain = around.ravel(), lands.ravel(), plain.ravel()
+    sums, stencil = around.ravel(), lands.ravel()
     known[:] = 0
     n = 0
     for c in range(place.shape[0]):
         p = place[c]
         if is_safe[kind[c]] and stencil[p] != 0:
-            row[c], is_plain[p] = -1, 1
+            row[c] = -1
             continue
         key = sums[p] ^ (np.uint64(kind[c] + 1) * np.uint64(0x9E3779B97F4A7C15))
         at = slot_of(known, key)

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeloc.beliefs.free_distance import UNITS, FreeDistances
+from activeloc.beliefs.grid_layout import GridLayout
 from activeloc.beliefs.landings import landings
-from activeloc.beliefs.plane_layout import PlaneLayout
 from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.beliefs.shared_rows import RowBuilder
 from activeloc.beliefs.travel import Travel
@@ -38,7 +38,7 @@ class TravelTable:
         self.grid = grid
         self.noise = noise
         self.step = grid.cell_size / 2.0
-        self.layout = PlaneLayout(grid)
+        self.layout = GridLayout(grid)
         self._levels: dict[tuple[int, int], Travel] = {}
 
     @cached_property
@@ -48,16 +48,13 @@ class TravelTable:
 
     @cached_property
     def near(self) -> NDArray[np.float32]:
-        """``(K * P,)``; share of each state's probes with an obstacle within a cell ahead."""
-        near = np.zeros((self.grid.headings, self.layout.size), dtype=np.float32)
-        near[:, self.layout.place] = self.free.near[self.free.kind]
-        return near.ravel()
+        """``(P * W,)``; share of each state's probes with an obstacle within a cell ahead."""
+        return self.layout.laid_out(self.free.near[self.free.kind].T, "float32")
 
     @property
     def p_contact(self) -> NDArray[np.float32]:
         """``(C, K)``; the same by cell."""
-        near = self.near.reshape(self.grid.headings, -1)
-        return np.ascontiguousarray(near[:, self.layout.place].T)
+        return self.layout.by_cell(self.near)
 
     @property
     def longest_level(self) -> int:
@@ -86,7 +83,7 @@ class TravelTable:
         built = RowBuilder(grid, self.free, lands, p_free, is_safe)
         return Travel(
             lands.stencil_start, lands.stencil_step, lands.stencil_weight,
-            *built.rows.laid_out(self.layout), built.rows, built.plain.ravel(), self.layout,
+            built.rows, self.layout,
         )  # fmt: skip
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from activeloc.beliefs.grid_belief import GridBelief
 from activeloc.beliefs.grid_tables import GridTables
-from activeloc.beliefs.plane_belief import PlaneBelief
 
 
 class DenseStep:
@@ -27,9 +27,9 @@ class DenseStep:
         self.tables, self.level = tables, level
         weights = np.exp(-0.5 * np.linspace(-2.0, 2.0, taps) ** 2)
         self.taps, self.first = weights / weights.sum(), -(taps // 2)
-        self.bel = PlaneBelief(tables, tables.uniform_planes)
+        self.bel = GridBelief(tables, tables.everywhere)
         rng = np.random.default_rng(seed)
-        likelihood = rng.uniform(0.5, 1.0, (tables.layout.headings, tables.layout.size))
+        likelihood = rng.uniform(0.5, 1.0, (tables.layout.size, tables.layout.width))
         self.likelihood = likelihood.astype(np.float32).ravel()
 
     @property

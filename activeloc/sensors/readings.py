@@ -30,6 +30,17 @@ def _index(scan: NDArray[np.float64], z_max: float, n_bins: int, out: NDArray[np
             out[i] = min(int(scan[i] / step), n_bins - 2)
 
 
+@njit(cache=True, nogil=True)
+def _clean(scan: NDArray[np.float64], z_max: float) -> int:
+    """Replace +inf by ``z_max``; returns where the first reading is out of range, or -1."""
+    for i in range(scan.shape[0]):
+        if scan[i] == np.inf:
+            scan[i] = z_max
+        elif scan[i] < 0.0 or scan[i] > z_max:  # NaN is neither.
+            return i
+    return -1
+
+
 @dataclass(frozen=True, slots=True)
 class ReadingBins:
     """Equal bins over ``[0, z_max)`` and a last one that holds maximum-range readings alone.
@@ -198,17 +209,28 @@ def check_scan(scan: NDArray[np.float64], sensor: RangeSensor) -> NDArray[np.flo
     Raises:
         ScanError: If the last axis is not the sensor's beams, or a reading is outside its range.
     """
-    z = np.array(scan, dtype=np.float64)
+    z = np.array(scan, dtype=np.float64, order="C")
     n_beams = len(sensor.bearings)
     if z.ndim == 0 or z.shape[-1] != n_beams:
         raise ScanError(f"scan must have {n_beams} readings, got shape {z.shape}")
-    z[z == np.inf] = sensor.z_max
-    bad = (z < 0.0) | (z > sensor.z_max)  # NaN is neither.
-    if bad.any():
-        where = tuple(int(i) for i in np.argwhere(bad)[0])
+    bad = _clean(z.reshape(-1), sensor.z_max)
+    if bad >= 0:
+        where = tuple(int(i) for i in np.unravel_index(bad, z.shape))
         raise ScanError(
             f"scan reading {where} is {z[where]:g} m; allowed are [0, {sensor.z_max:g}], NaN, +inf"
         )
+    return z
+
+
+def check_one_scan(scan: NDArray[np.float64], sensor: RangeSensor) -> NDArray[np.float64]:
+    """:func:`check_scan` of a scan ``(B,)``.
+
+    Raises:
+        ScanError: Also if it is not one scan.
+    """
+    z = check_scan(scan, sensor)
+    if z.ndim != 1:
+        raise ScanError(f"one scan of {z.shape[-1]} readings is wanted, got shape {z.shape}")
     return z
 
 

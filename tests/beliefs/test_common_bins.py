@@ -73,13 +73,18 @@ def coarse(grid):
 def test_shares_sum_to_one_and_equal_areas(cell_size, headings):
     grid = PoseGrid(Terrain(building(), 0.2), cell_size, headings)
     bins, shares = coarse(grid)
-    cols = np.zeros((shares.shape[1], grid.shape[1]))
-    for x, first in enumerate(shares.col_first):
-        there = cols[x, first : first + shares.col_shares.shape[1]]
-        there += shares.col_shares[x, : len(there)]
-    np.testing.assert_allclose(shares.row_shares.sum(axis=1), 1.0, atol=1e-6)
-    np.testing.assert_allclose(cols.sum(axis=0), 1.0, atol=1e-6)
+    rows = np.zeros((shares.shape[0], grid.shape[0]))
+    for y, first in enumerate(shares.row_first):
+        there = rows[y, first : first + shares.row_shares.shape[1]]
+        there += shares.row_shares[y, : len(there)]
+    np.testing.assert_allclose(shares.col_shares.sum(axis=1), 1.0, atol=1e-6)
+    np.testing.assert_allclose(rows.sum(axis=0), 1.0, atol=1e-6)
     np.testing.assert_allclose(shares.headings.sum(axis=0), 1.0, atol=1e-6)
+    told = np.zeros_like(shares.headings)
+    coarse_heading = np.repeat(np.arange(len(told)), np.diff(shares.heading_start))
+    told[coarse_heading, shares.heading_bin] = shares.heading_share
+    np.testing.assert_array_equal(told, shares.headings)
+    assert shares.even == (headings // 12 if headings % 12 == 0 else 0)
     # The oracle throws points at a few cells and sees where they fall.
     rng, tolerance = np.random.default_rng(0), 5 * 0.5 / np.sqrt(20_000)
     for row, col in grid.cells[rng.choice(len(grid.cells), 5, replace=False)]:
@@ -87,8 +92,8 @@ def test_shares_sum_to_one_and_equal_areas(cell_size, headings):
         poses = np.zeros((20_000, 3))
         poses[:, :2] = corner + rng.random((20_000, 2)) * cell_size
         thrown = np.bincount(bins.index(poses) // 12, minlength=len(bins) // 12) / 20_000
-        rows = np.bincount(shares.row_bins[row], shares.row_shares[row], minlength=bins.shape[0])
-        np.testing.assert_allclose(np.outer(rows, cols[:, col]).ravel(), thrown, atol=tolerance)
+        cols = np.bincount(shares.col_bins[col], shares.col_shares[col], minlength=bins.shape[1])
+        np.testing.assert_allclose(np.outer(rows[:, row], cols).ravel(), thrown, atol=tolerance)
     for k in range(headings):
         theta = grid.thetas[k] + (rng.random(20_000) - 0.5) * grid.bin_width
         poses = np.column_stack([np.zeros((20_000, 2)), theta])

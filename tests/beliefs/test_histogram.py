@@ -13,13 +13,13 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from activeloc.beliefs import plane_kernels as kernels
-from activeloc.beliefs import plane_likelihood as likelihood
-from activeloc.beliefs import plane_motion as motion
+from activeloc.beliefs import grid_likelihood as likelihood
+from activeloc.beliefs import grid_sums as sums
+from activeloc.beliefs import grid_travels as travels
+from activeloc.beliefs.grid_belief import GridBelief
+from activeloc.beliefs.grid_turns import Convolution, Turning, rotate
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig, turn_taps
-from activeloc.beliefs.plane_belief import PlaneBelief
-from activeloc.beliefs.plane_layout import BLOCK, find_runs
-from activeloc.beliefs.plane_turns import Turning, rotate
+from activeloc.beliefs.lanes import N_LANES
 from activeloc.errors import ConfigError, ScanError
 from activeloc.grid import OccupancyGrid
 from activeloc.maps.text import from_text
@@ -100,11 +100,12 @@ def transition_matrix(belief, u):
             move[c, k, c, k] = 1.0
             continue
         way = k if level > 0 else (k + headings // 2) % headings
-        row = slice(*travel.row_start[way * cells + c : way * cells + c + 2])
-        if row.start < row.stop:
-            there = poses.index.ravel()[travel.target[row]]
-            np.add.at(move[c, k, :, k], there, travel.weight[0, row].astype(float))
-            np.add.at(move[c, k, :, k], there, travel.weight[1, row].astype(float))
+        rows, row = travel.rows, travel.rows.row[way, c]
+        if row >= 0:
+            entries = slice(*rows.first[row : row + 2])
+            there = poses.index.ravel()[poses.cells[c] @ (poses.shape[1], 1) + rows.step[entries]]
+            for weight in rows.weight[:, entries].astype(float):
+                np.add.at(move[c, k, :, k], there, weight)
         else:
             entries = slice(*travel.stencil_start[way : way + 2])
             places = tuple((poses.cells[c] + travel.stencil_step[entries]).T)
@@ -193,39 +194,36 @@ def test_prediction_from_each_state_is_its_row(u):
 # --- the lectures' door --------------------------------------------------------------------------
 
 
-def plane(bel):
-    """A sheet's values and runs: one heading, two places, the rest of a block."""
-    values = np.zeros(BLOCK)
-    values[:2] = bel
-    return values, np.array([[0, BLOCK]] * 2, dtype=np.int32), np.zeros(8, np.uint8)
+def door(bel):
+    """A sheet's values and places: two places, one heading, the rest of its lane group."""
+    values = np.zeros((2, N_LANES))
+    values[:, 0] = bel
+    return values.ravel(), np.arange(2, dtype=np.int32)
 
 
 def sense(bel, p):
     """One look at the door through the library's kernels: states are places."""
-    values, runs, flags = plane(bel)
-    row, one = np.zeros(BLOCK, dtype=np.uint16), np.zeros(1, dtype=np.int32)
-    row[1] = 1
-    still = Turning(0, np.empty(0), 0, 0, 0.0)
-    _, total = likelihood.multiply(
-        values, runs, 1, BLOCK, still, row, np.array([p]), one, one, 1, 1.0, values, runs, 0, flags
+    values, places = door(bel)
+    rows, one = np.repeat([0, 1, 0], 1 + N_LANES).astype(np.uint16), np.zeros(1, dtype=np.int32)
+    total = likelihood.multiply(
+        values, places, 2, 1, N_LANES, rows, np.array(p), 2, one, one, 1, 1.0
     )
-    kernels.normalise(values, runs, 1, BLOCK, total, 0.0, flags)
-    return values[:2]
+    assert sums.normalise(values, places, 2, 1, N_LANES, total, 0.0) == (2, 1.0)
+    return values[::N_LANES]
 
 
 def act(bel, rows):
     """One action on the door: row x holds p(open' | x), p(closed' | x)."""
-    values, runs, flags = plane(bel)
-    out, out_runs, _ = plane([0.0, 0.0])
-    n, total = motion.translate(
-        values, runs, 1, BLOCK, 0, 2,
-        np.zeros(2, np.int64), np.zeros(0, np.int32), np.zeros(0),
-        np.array([[0, 0, 0, 1]], np.int32), np.zeros(BLOCK, np.uint8), np.array([0, 4]),
-        np.array([0, 0, 1, 1], np.uint16), np.array([0, 1, 0, 1], np.uint16), np.ravel(rows),
-        out, out_runs, 0, flags,
+    (values, places), (out, out_places) = door(bel), door([0.3, 0.7])
+    weight = np.zeros((4, N_LANES))
+    weight[:, 0] = np.ravel(rows)
+    n, mass = travels.translate(
+        values, places, 2, N_LANES, np.arange(2, dtype=np.int32), np.array([0, 2, 4]),
+        np.array([0, 1, -1, 0], np.int32), weight.ravel(),
+        out, out_places, 2, np.zeros(8, np.uint8),
     )  # fmt: skip
-    assert (n, total) == (1, pytest.approx(1.0, abs=1e-15))
-    return out[:2]
+    assert (n, mass) == (2, pytest.approx(1.0, abs=1e-15))
+    return out[::N_LANES]
 
 
 def test_door_of_the_lectures():
@@ -273,28 +271,28 @@ def test_turn_taps_are_integrals_over_bin_and_noise(turn, sigma, width):
         assert tap == pytest.approx(expected, abs=1e-6)
 
 
-def test_rotation_keeps_mass_and_matches_its_definition():
-    """Ten planes of 32 places; what the sheet held before is gone."""
-    rng, size = np.random.default_rng(0), 2 * BLOCK
-    taps = np.append(rng.dirichlet(np.ones(13)), np.zeros(3))
-    for first in (-25, -6, 0, 3, 17):
-        bel, out = np.zeros((10, size)), rng.random((10, size))
-        bel[2:5, :BLOCK], bel[9, BLOCK:] = rng.random((3, BLOCK)), rng.random(BLOCK)
-        expected, flags = np.zeros_like(bel), np.zeros(24, np.uint8)
-        for k, j in product(range(10), range(13)):
-            expected[(k + first + j) % 10] += taps[j] * bel[k]
-        runs, everything = np.empty((20, 2), np.int32), np.empty((20, 2), np.int32)
-        n = find_runs(bel.ravel(), flags, size, runs)
-        n_out = find_runs(out.ravel(), flags, size, everything)
-        assert (n, n_out) == (4, 10)
-        turning = Turning(first, taps, 0, 0, 0.0)
-        n_out = rotate(bel.ravel(), runs, n, size, turning, out.ravel(), everything, n_out, flags)
-        np.testing.assert_allclose(out, expected, atol=1e-14)
-        assert out.sum() == pytest.approx(bel.sum(), abs=1e-12)
-        held = np.zeros(out.size, dtype=bool)
-        for start, stop in everything[:n_out]:
-            held[start:stop] = True
-        assert not out.ravel()[~held].any()
+@pytest.mark.parametrize("n_headings", [5, 8, 10, 36, 72])
+@pytest.mark.parametrize(("first", "n_taps"), [(-25, 1), (-6, 2), (0, 5), (3, 4), (17, 3)])
+def test_rotation_keeps_mass_and_matches_its_definition(n_headings, first, n_taps):
+    """Forty places, of which most are listed; in place, and to a sheet of its own."""
+    rng, width = np.random.default_rng(0), -(-n_headings // N_LANES) * N_LANES
+    for flat_first, n_flat in ((0, 0), (-2, 3), (7, n_headings - 1)):
+        taps, flat = rng.dirichlet(np.ones(n_taps)), 0.1
+        bel = np.zeros((41, width))  # The last one is only read beyond.
+        bel[:40, :n_headings] = rng.random((40, n_headings))
+        expected = np.zeros_like(bel[:, :n_headings])
+        for shift, weight in [*zip(range(first, first + n_taps), taps, strict=True),
+                              *((flat_first + j, flat) for j in range(n_flat))]:  # fmt: skip
+            expected += weight * np.roll(bel[:, :n_headings], shift, axis=1)
+        places = np.sort(rng.permutation(40)[:37]).astype(np.int32)
+        turning = Turning(first, taps, flat_first, n_flat, flat)
+        how = Convolution.of(turning, n_headings, "float64")
+        for out in (np.zeros_like(bel), bel):
+            rotate(bel.ravel(), places, 37, n_headings, width, how, out.ravel())
+            np.testing.assert_allclose(out[places, :n_headings], expected[places], atol=1e-14)
+            assert not out[:, n_headings:].any()
+            others = np.setdiff1d(np.arange(41), places)
+            np.testing.assert_array_equal(out[others], bel[others] if out is bel else 0.0)
 
 
 @pytest.mark.parametrize("level", [1, 3, 5, -4])
@@ -303,13 +301,11 @@ def test_translation_keeps_the_mass_of_its_rows(level):
     belief = hall()
     p, tables = random_prior(belief), belief._track(0).tables
     travel = tables.travel.level(abs(level))
-    owner = np.repeat(np.arange(p.size), np.diff(travel.row_start))
-    kept = np.bincount(owner, travel.weight.sum(axis=0, dtype=np.float64), p.size)
-    entries = np.diff(travel.stencil_start)
-    stencil = np.bincount(np.repeat(np.arange(24), entries), travel.stencil_weight, 24)
-    kept = np.where(np.diff(travel.row_start) > 0, kept, np.repeat(stencil, len(p)))
-    kept = np.roll(kept.reshape(24, -1).T, 0 if level > 0 else -12, axis=1)
-    bel = PlaneBelief.of(tables, p)
+    rows = np.add.reduceat(travel.rows.weight.sum(axis=0, dtype=np.float64), travel.rows.first[:-1])
+    stencil = np.add.reduceat(travel.stencil_weight.astype(float), travel.stencil_start[:-1])
+    kept = np.where(travel.rows.row < 0, stencil[:, None], rows[travel.rows.row])
+    kept = np.roll(kept.T, 0 if level > 0 else -12, axis=1)
+    bel = GridBelief.of(tables, p)
     left = bel.travel(level, 1, 1.0)
     assert left == pytest.approx((p * kept).sum(), abs=1e-12)
     assert left == pytest.approx(1.0, abs=1e-6)
@@ -421,15 +417,14 @@ def test_the_order_of_two_scans_changes_nothing():
 
 
 def test_adding_a_constant_to_all_log_likelihoods_changes_only_the_evidence():
-    bel = np.random.default_rng(0).dirichlet(np.ones(BLOCK))
-    twin, row = bel.copy(), np.arange(BLOCK, dtype=np.uint16)
-    log_p = np.log(np.random.default_rng(1).random((1, BLOCK)))
-    runs, one = np.array([[0, BLOCK]], np.int32), np.zeros(1, np.int32)
-    arguments = one, one, np.ones(1), 1
-    total, shift = likelihood.add_logarithms(bel, runs, 1, BLOCK, row, log_p, *arguments)
-    far_total, far_shift = likelihood.add_logarithms(
-        twin, runs, 1, BLOCK, row, log_p - 5000.0, *arguments
-    )
+    """Two cells of eight headings, each state with a row of its own."""
+    bel = np.random.default_rng(0).dirichlet(np.ones(2 * N_LANES))
+    twin, rows = bel.copy(), np.arange(4 * N_LANES, dtype=np.uint16)
+    log_p = np.log(np.random.default_rng(1).random((1, 4 * N_LANES)))
+    places, one = np.arange(2, dtype=np.int32), np.zeros(1, np.int32)
+    dims, rest = (places, 2, N_LANES, N_LANES, rows), (one, one, np.ones(1), 1)
+    total, shift = likelihood.add_logarithms(bel, *dims, log_p, *rest)
+    far_total, far_shift = likelihood.add_logarithms(twin, *dims, log_p - 5000.0, *rest)
     assert far_shift + log(far_total) == pytest.approx(shift + log(total) - 5000.0)
     np.testing.assert_allclose(twin / twin.sum(), bel / bel.sum(), rtol=1e-9)
 
@@ -642,3 +637,61 @@ def test_the_spread_of_a_long_travel_is_that_of_one_travel():
 def test_a_turn_spreads_the_place_by_its_coefficient():
     place, _ = spread_after(MotionNoise(0.0, 0.0, 0.0, 0.5), [(pi / 2, 0.0, 0.0)])
     assert place == pytest.approx(0.5 * pi / 2, rel=0.2)
+
+
+# --- bad input -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("prior", "said"),
+    [
+        (np.ones((3, 3)), "shape"),
+        (lambda p: p * np.nan, "finite"),
+        (lambda p: p - 0.1, "below zero"),
+        (lambda p: p * 0.0, "zero everywhere"),
+    ],
+)
+def test_a_prior_that_is_none_is_refused_and_nothing_is_lost(prior, said):
+    belief = hall()
+    before, grid = belief.probabilities(0), belief.terrain(0).grid
+    with pytest.raises(ConfigError, match=said):
+        belief.reset(0, grid, prior(before) if callable(prior) else prior)
+    np.testing.assert_array_equal(belief.probabilities(0), before)
+    twin = HistogramBelief(2, belief.config, belief.sensor, belief.motion)
+    for robot in range(2):  # Each has a sheet of its own, also after what was refused.
+        twin.reset(robot, grid)
+        with pytest.raises(ConfigError):
+            twin.reset(robot, grid, np.ones((3, 3)))
+    twin.predict(0, np.array([0.3, 0.2, 0.0]))
+    np.testing.assert_array_equal(twin.probabilities(1), before)
+
+
+def test_a_start_far_off_the_map_is_at_its_nearest_open_ground():
+    belief = hall()
+    belief.reset_near(0, belief.terrain(0).grid, np.array([100.0, 0.2, 0.0]), (0.1, 0.1))
+    p, centres = belief.probabilities(0), belief.poses(0).centres
+    assert p.sum() == pytest.approx(1.0)
+    assert centres[p.any(axis=1), 0].min() == centres[:, 0].max()
+    belief.predict(0, np.array([0.0, -0.3, 0.0]))
+    assert np.isfinite(belief.probabilities(0)).all()
+
+
+def test_more_than_one_scan_is_refused():
+    belief = hall()
+    with pytest.raises(ScanError, match="one scan of 3"):
+        belief.correct(0, np.ones((2, 3)))
+
+
+def test_many_unlikely_readings_do_not_overflow():
+    """Every reading is improbable wherever the robot is: sums of logarithms then, in float32."""
+    sensor = BeamModel(beams=40, field_of_view=2.0 * pi, w_hit=0.1, w_short=0.0, w_max=0.0,
+                       w_rand=0.9)  # fmt: skip
+    settings = {"cell_size": 0.2, "headings": 24, "reading_bin": 0.02, "repetition": inf}
+    evidence = []
+    for precision in ("float32", "float64"):
+        config = HistogramConfig(**OFF | settings | {"precision": precision, "repetition": inf})
+        belief = HistogramBelief(1, config, sensor, MotionModel(odometry=NOISE, radius=0.1))
+        belief.reset(0, hall().terrain(0).grid)
+        evidence.append(belief.correct(0, np.linspace(0.1, 1.4, 40)))
+    assert evidence[0] < -88.0
+    assert evidence[0] == pytest.approx(evidence[1], rel=1e-5)

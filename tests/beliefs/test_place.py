@@ -116,3 +116,14 @@ def test_a_copy_is_independent():
     assert not memory.is_refused
     assert (memory.heading, memory.travelled) == (0.0, 0.0)
     assert twin.readings.sum() == 2
+
+
+def test_a_beam_without_a_reading_neither_counts_nor_is_remembered():
+    """Three beams in one sector, of which the first read nothing; one in another."""
+    place, bearings = PlaceMemory(12, 0.25, 1.0), np.array([0.0, 0.02, -0.02, np.pi])
+    valid = np.array([False, True, True, True])
+    weights = place.weigh(bearings, valid)
+    np.testing.assert_array_equal(weights[1:], place.weigh(bearings[1:]))
+    assert weights[0] == 0.0
+    place.read(bearings, valid)
+    assert place.readings.tolist() == [2, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0]

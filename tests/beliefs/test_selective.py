@@ -10,9 +10,9 @@ import pytest
 from activeloc.beliefs import NEAR_ANGLE, NEAR_RADIUS
 from activeloc.beliefs.background import elsewhere_after
 from activeloc.beliefs.common_bins import entropy
+from activeloc.beliefs.grid_belief import GridBelief
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig
 from activeloc.beliefs.past import REMEMBERED
-from activeloc.beliefs.plane_belief import PlaneBelief
 from activeloc.beliefs.scan_likelihood import PoweredTable, ScanLikelihood
 from activeloc.beliefs.view import view_frame
 from activeloc.errors import ConfigError
@@ -56,7 +56,7 @@ def near(belief, grid, pose=(0.0, 3.0, 0.3), w=0.0):
 
 def weighed(belief, scan_likelihood, p):
     """``(C, K)`` after a scan, its sum, and what its logarithm lacks."""
-    bel = PlaneBelief.of(belief._track(0).tables, p)
+    bel = GridBelief.of(belief._track(0).tables, p)
     total, shift = bel.read(scan_likelihood)
     return bel.by_cell, total, shift
 
@@ -163,9 +163,7 @@ def test_products_of_likelihoods_are_sums_of_their_logarithms(flat):
         readings = tables.readings.bins.index(scan)
         for weights in (np.full(5, POWER), POWER * np.array([1.0, 0.0, 1.0, 0.0, 1.0])):
             fast = ScanLikelihood.of(tables.readings, tables.powered, readings, weights)
-            slow = ScanLikelihood(
-                fast.table, fast.powered, fast.beams, fast.readings, fast.weights, False
-            )
+            slow = replace(fast, as_product=False)
             assert fast.as_product
             expected = p * likelihood_of(belief, np.where(weights > 0, scan, np.nan), weights)
             for one in (fast, slow):
@@ -202,7 +200,7 @@ def test_a_slip_is_a_mixture_with_what_a_wrong_reading_may_stand_for(flat, u):
     others = [np.roll(before, round(turn / width) + j, axis=1) for j in range(-3, 4)]
     expected = 0.2 * sum(others) / len(others)
     if u[1] != 0.0:
-        there = PlaneBelief.of(sure._track(0).tables, expected)
+        there = GridBelief.of(sure._track(0).tables, expected)
         there.travel(5 if u[1] > 0.0 else -5, 1, 1.0)
         expected = 0.5 * (expected + there.by_cell)
     for belief in (sure, slips):
@@ -245,7 +243,7 @@ def test_travels_and_contacts_elsewhere_are_averages_over_the_uniform(flat):
     expected = (p * (floor + (1.0 - floor) * tables.travel.p_contact)).sum()
     assert tables.background.contact(floor) == pytest.approx(expected, rel=1e-6)
     for level in (1, 4):
-        left = PlaneBelief.of(tables, p).travel(level, 1, floor)
+        left = GridBelief.of(tables, p).travel(level, 1, floor)
         assert left < 0.99
         assert tables.background.travel(level, 1, floor) == pytest.approx(left, rel=1e-6)
 

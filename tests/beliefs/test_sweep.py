@@ -5,7 +5,7 @@ from math import pi
 import numpy as np
 import pytest
 
-from activeloc.beliefs.plane_layout import PlaneLayout
+from activeloc.beliefs.grid_layout import GridLayout
 from activeloc.beliefs.pose_grid import SUB, PoseGrid
 from activeloc.beliefs.sweep import Sweep
 from activeloc.grid import OccupancyGrid
@@ -37,7 +37,7 @@ def rays(poses, squares, angles, reach):
 
 
 def swept(sweep, poses, angles):
-    layout = PlaneLayout(poses)
+    layout = GridLayout(poses)
     out = np.full((SUB * SUB, layout.size), 99, dtype=sweep.dtype)
     sweep.along(np.asarray(angles), out)
     return out[:, layout.place]

@@ -16,9 +16,10 @@ import numpy as np
 import pytest
 
 from activeloc.beliefs.free_distance import TURNS, FreeDistances
+from activeloc.beliefs.grid_belief import GridBelief
+from activeloc.beliefs.grid_layout import GridLayout
 from activeloc.beliefs.histogram import HistogramBelief, HistogramConfig, turn_taps
-from activeloc.beliefs.plane_belief import PlaneBelief
-from activeloc.beliefs.plane_layout import PlaneLayout
+from activeloc.beliefs.lanes import N_LANES
 from activeloc.beliefs.pose_grid import PoseGrid
 from activeloc.beliefs.sweep import Sweep
 from activeloc.beliefs.travel_table import TravelTable
@@ -64,6 +65,16 @@ GRIDS = [
 ]
 
 
+def entries_of(travel):
+    """Entries of all states beside obstacles: heading, cell, step of places, ``(2, N)`` weights."""
+    rows = travel.rows
+    heading, cell = np.nonzero(rows.row >= 0)
+    row = rows.row[heading, cell]
+    size = rows.first[row + 1] - rows.first[row]
+    of = np.repeat(rows.first[row] - np.append(0, size.cumsum()[:-1]), size) + np.arange(size.sum())
+    return np.repeat(heading, size), np.repeat(cell, size), rows.step[of], rows.weight[:, of]
+
+
 @pytest.mark.parametrize(("world", "cell_size", "headings"), GRIDS)
 def test_every_state_keeps_its_mass_on_the_cells_of_the_belief(world, cell_size, headings):
     poses = PoseGrid(Terrain(world(), 0.2), cell_size, headings)
@@ -71,35 +82,64 @@ def test_every_state_keeps_its_mass_on_the_cells_of_the_belief(world, cell_size,
     (rows, cols), n_cells = poses.shape, len(poses.cells)
     for level in range(1, min(9, table.longest_level + 1)):
         travel = table.level(level)
-        size = np.diff(travel.row_start)
-        assert len(size) == n_cells * headings
-        # Beside obstacles: rows sum to one, from and to cells that exist, within the box.
-        owner = np.repeat(np.arange(len(size)), size)
-        sums = np.bincount(owner, travel.weight.sum(axis=0, dtype=np.float64), len(size))
-        np.testing.assert_allclose(sums[size > 0], 1.0, atol=1e-6)
-        assert travel.weight.min() >= 0.0
-        start, end = poses.cells[owner % n_cells], np.divmod(travel.target, cols)
-        np.testing.assert_array_equal(travel.source, start @ (cols, 1))
-        assert poses.index[end].min() >= 0
-        low_row, high_row, low_col, high_col = travel.box[owner // n_cells].T
-        assert ((end[0] >= start[:, 0] + low_row) & (end[0] <= start[:, 0] + high_row)).all()
-        assert ((end[1] >= start[:, 1] + low_col) & (end[1] < start[:, 1] + high_col)).all()
+        # Beside obstacles: rows sum to one, and lead to cells that exist.
+        heading, cell, step, weight = entries_of(travel)
+        sums = np.bincount(heading * n_cells + cell, weight.sum(axis=0), headings * n_cells)
+        is_open = travel.rows.row.ravel() < 0
+        np.testing.assert_allclose(sums[~is_open], 1.0, atol=1e-6)
+        assert not sums[is_open].any()
+        assert weight.min() >= 0.0
+        end = poses.cells[cell] @ (cols, 1) + step
+        assert poses.index.ravel()[end].min() >= 0
         # On open ground: stencils sum to one, and every entry lands on a cell of the belief.
         entries = np.diff(travel.stencil_start)
         weights = np.bincount(
             np.repeat(np.arange(headings), entries), travel.stencil_weight, headings
         )
         np.testing.assert_allclose(weights, 1.0, atol=1e-6)
-        plain = travel.plain.reshape(headings, -1)
-        np.testing.assert_array_equal(plain[:, travel.layout.place].ravel() == 0, size > 0)
-        assert plain.sum() == (size == 0).sum()
-        heading, cell = np.divmod(np.flatnonzero(size == 0), n_cells)
+        heading, cell = np.divmod(np.flatnonzero(is_open), n_cells)
         for k in range(headings):
             start = poses.cells[cell[heading == k]]
             steps = travel.stencil_step[travel.stencil_start[k] : travel.stencil_start[k + 1]]
             row, col = np.moveaxis(start[:, None] + steps, -1, 0)
             assert ((row >= 0) & (row < rows) & (col >= 0) & (col < cols)).all()
             assert (poses.index[row, col] >= 0).all()
+
+
+@pytest.mark.parametrize("backward", [False, True])
+@pytest.mark.parametrize(("world", "cell_size", "headings"), GRIDS)
+def test_lists_lead_where_the_rows_of_their_headings_do(world, cell_size, headings, backward):
+    """Also with headings that fill no whole lane group, and half a circle on for the way back."""
+    poses = PoseGrid(Terrain(world(), 0.2), cell_size, headings)
+    travel = TravelTable(poses, MOTION.odometry).level(3)
+    lists, layout, rows = travel.lists(backward), travel.layout, travel.rows
+    which = lists.which.reshape(layout.size, -1)[layout.place]
+    assert len(np.unique(which)) == len(lists.first) - 1 < which.size
+    steps = travel.stencil_step @ (layout.cols, 1)
+    for c, g in np.random.default_rng(0).integers(
+        (len(poses.cells), which.shape[1]), size=(300, 2)
+    ):
+        got = {}
+        for e in range(*lists.first[which[c, g] : which[c, g] + 2]):
+            assert lists.step[e] not in got
+            got[lists.step[e]] = lists.weight[:, e]
+        expected = {}
+        for lane in range(min(N_LANES, headings - N_LANES * g)):
+            k = (N_LANES * g + lane + (headings // 2 if backward else 0)) % headings
+            if rows.row[k, c] < 0:
+                of = slice(*travel.stencil_start[k : k + 2])
+                weight = np.stack([travel.stencil_weight[of], np.zeros(of.stop - of.start)])
+                entries = zip(steps[of], weight.T, strict=True)
+            else:
+                of = slice(*rows.first[rows.row[k, c] : rows.row[k, c] + 2])
+                entries = zip(rows.step[of], rows.weight[:, of].T, strict=True)
+            for step, weight in entries:
+                expected.setdefault(step, np.zeros((2, N_LANES), np.float32))[:, lane] = weight
+        assert got.keys() == expected.keys()
+        for step, weight in expected.items():
+            np.testing.assert_array_equal(got[step], weight)
+    mixed = lists.mixed(0.25, "float64").reshape(-1, N_LANES)
+    np.testing.assert_allclose(mixed, lists.weight[0] + 0.25 * lists.weight[1], rtol=1e-6)
 
 
 @pytest.mark.parametrize("level", [1, 2, 5, 8])
@@ -115,10 +155,10 @@ def test_nothing_travels_through_a_wall_or_too_far(level, radius, leak):
     cells[28:40, 41] = 0
     poses = PoseGrid(Terrain(OccupancyGrid(cells, 0.05), radius), 0.2, 24)
     travel = TravelTable(poses, MOTION.odometry).level(level)
-    owner = np.repeat(np.arange(len(travel.row_start) - 1), np.diff(travel.row_start))
-    start = poses.cells[owner % len(poses.cells)]
-    end = np.column_stack(np.divmod(travel.target.astype(int), poses.shape[1]))
-    weight = travel.weight.sum(axis=0)
+    heading, cell, step, weight = entries_of(travel)
+    owner, weight = heading * len(poses.cells) + cell, weight.sum(axis=0)
+    start = poses.cells[cell]
+    end = np.column_stack(np.divmod(start @ (poses.shape[1], 1) + step, poses.shape[1]))
     far = np.hypot(*((end - start) * poses.cell_size).T)
     assert far[weight > 0].max() <= level * 0.1 * 1.15 + 0.2 * np.sqrt(2) + 1e-9
     through = (start[:, 0] < 2) & (end[:, 0] < 2) & (start[:, 1] < 10) & (end[:, 1] > 10)
@@ -148,7 +188,7 @@ def test_free_distances_are_those_of_a_march():
 @pytest.mark.parametrize(("world", "cell_size", "headings"), GRIDS)
 def test_states_of_one_kind_have_the_same_free_distances(world, cell_size, headings):
     poses = PoseGrid(Terrain(world(), 0.2), cell_size, headings)
-    free, layout = FreeDistances(poses), PlaneLayout(poses)
+    free, layout = FreeDistances(poses), GridLayout(poses)
     unit = 0.005 / poses.terrain.grid.resolution
     sweep = Sweep(poses, poses.terrain, np.arange(1, 256) * unit + MARGIN)
     out = np.empty((16, layout.size), dtype=np.uint8)
@@ -209,11 +249,15 @@ def test_rows_are_those_of_each_state_worked_out_alone(world, cell_size, heading
     poses = PoseGrid(Terrain(world(), 0.2), cell_size, headings)
     table = TravelTable(poses, MOTION.odometry)
     travel, rng, gaps = table.level(level), np.random.default_rng(level), []
-    start = travel.row_start
-    for state in rng.choice(np.flatnonzero(np.diff(start) > 0), 100, replace=False):
-        of, got = slice(start[state], start[state + 1]), np.zeros((2, *poses.shape))
-        got[:, *np.divmod(travel.target[of], poses.shape[1])] = travel.weight[:, of]
-        gaps.append(np.abs(got - row_of(table, level, *divmod(int(state), len(poses.cells)))).max())
+    rows = travel.rows
+    for k, c in rng.choice(np.argwhere(rows.row >= 0), 100, replace=False):
+        of, got = (
+            slice(*rows.first[rows.row[k, c] : rows.row[k, c] + 2]),
+            np.zeros((2, poses.index.size)),
+        )
+        got[:, poses.cells[c] @ (poses.shape[1], 1) + rows.step[of]] = rows.weight[:, of]
+        expected = row_of(table, level, k, c).reshape(2, -1)
+        gaps.append(np.abs(got - expected).max())
     assert np.median(gaps) <= 1e-6
     assert max(gaps) <= 0.01
 
@@ -307,7 +351,7 @@ class Oracle:
         self.belief.predict(0, u, touched)
         bel, track = self.belief.probabilities(0), self.belief._track(0)
         noise = np.sqrt(track.left_over[2])
-        bel = PlaneBelief.of(track.tables, bel)
+        bel = GridBelief.of(track.tables, bel)
         bel.rotate(*turn_taps(0.0, noise, track.tables.poses.bin_width))
         return bel.by_cell
 
@@ -323,7 +367,7 @@ class Oracle:
         felt in, ``partly`` and ``refused`` those that were stopped after and before 5 cm.
         """
         poses, motion = self.belief.poses(0), self.belief.motion
-        plain = np.diff(self.belief._track(0).tables.travel.level(5).row_start) == 0
+        plain = self.belief._track(0).tables.travel.level(5).rows.row < 0
         beside = poses.area < 1.0
         for step in ((0, 1), (1, 0), (0, -1), (-1, 0)):
             row, col = (poses.cells + step).T
@@ -341,7 +385,7 @@ class Oracle:
             touched = bool(motion.touched(command, u))
             u = np.array([0.0, round(u[1] / 0.1) * 0.1, 0.0])
             kind = "free" if not touched else "partly" if u[1] > 0.05 else "refused"
-            if kind == "free" and plain[heading * len(poses.cells) + cell]:
+            if kind == "free" and plain[heading, cell]:
                 kind, u = "open", np.array([0.0, 0.5, 0.0])
             if len(found[kind]) < wanted[kind]:
                 found[kind].append((cell, heading, u, touched))

@@ -10,10 +10,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from activeloc.beliefs.grid_belief import GridBelief
 from activeloc.beliefs.grid_tables import GridTables
 from activeloc.beliefs.histogram import HistogramConfig
 from activeloc.beliefs.particles import ParticleConfig
-from activeloc.beliefs.plane_belief import PlaneBelief
 from activeloc.beliefs.track import Track
 from activeloc.benchmarks.report import Absent, Row, at_most
 from activeloc.benchmarks.settings import Settings
@@ -80,7 +80,7 @@ def _tables(office: str) -> Iterator[Row]:
     config, grid = HistogramConfig(), env.grid
     # Of its own: on those that are shared, other subjects have left what they needed.
     tables = GridTables(grid, config, widened(given.sensor, config.sigma_factor), given.motion)
-    track = Track(tables, config, PlaneBelief(tables, tables.uniform_planes))
+    track = Track(tables, config, GridBelief(tables, tables.everywhere))
     track.predict(np.array([0.0, 0.5, 0.0]), given.motion.odometry, touched=False)
     note = f"{tables.uniform.size:,} states of {grid.name}, {grid.shape[0]} x {grid.shape[1]} cells"
     held = 1e-6 * bytes_of(tables)

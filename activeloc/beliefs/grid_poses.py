@@ -1,65 +1,51 @@
-"""Kernels that find poses in a belief on planes: the likeliest, the mass around one, at shares."""
+"""Kernels that find poses in a belief: the likeliest, the mass around one, at shares of it all."""
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from activeloc.beliefs.plane_layout import BLOCK, CHUNK
-
-
-@njit(cache=True, nogil=True)
-def _fold_fours(
-    of: NDArray[np.float32], at: np.uint64, n: np.uint64, to: NDArray[np.float32]
-) -> None:
-    """Add the four quarters of 4 n states up, several states at once: ``to (n,)``, overwritten."""
-    second, third, fourth = at + n, at + np.uint64(2) * n, at + np.uint64(3) * n
-    for i in range(n):
-        to[i] = (of[at + i] + of[second + i]) + (of[third + i] + of[fourth + i])
+from activeloc.beliefs.grid_layout import LANES
+from activeloc.beliefs.lanes import N_LANES, add, any_above, fill, load, total
 
 
 @njit(cache=True, nogil=True)
 def survey(
     values: NDArray[np.float32],
-    bits: NDArray[np.int32],
-    runs: NDArray[np.int32],
+    places: NDArray[np.int32],
     n: int,
+    width: int,
     sums: NDArray[np.float64],
 ) -> int:
-    """State of the largest probability, the first of equals; and what each run sums to.
+    """State of the largest probability, the first of equals; and what places sum to.
 
     Args:
-        values: ``(K * P,)``.
-        bits: The same seen as integers of its width, which are ordered alike.
-        runs: Of the belief.
+        values: ``(P * W,)``.
+        places: Of the belief.
         n: How many.
-        sums: ``(n,)``, overwritten.
+        width: W.
+        sums: ``(n + 1,)``, overwritten with what comes before each place, and all of it.
     """
-    best, where = bits.dtype.type(0), -1
-    folded = np.empty(CHUNK // 4, dtype=values.dtype)
-    for r in range(n):
-        first, quarter = np.uint64(runs[r, 0]), np.uint64((runs[r, 1] - runs[r, 0]) // 4)
-        top = bits.dtype.type(0)
-        for i in range(first, np.uint64(runs[r, 1])):
-            top = max(top, bits[i])
-        if top > best:
-            best, where = top, r
-        # Runs are whole blocks of sixteen: what is left after two foldings adds up to them.
-        _fold_fours(values, first, quarter, folded)
-        _fold_fours(folded, np.uint64(0), quarter // np.uint64(4), folded)
-        sums[r] = 0.0
-        for i in range(quarter // np.uint64(4)):
-            sums[r] += folded[i]
-    if where >= 0:
-        for s in range(runs[where, 0], runs[where, 1]):
-            if bits[s] == best:
-                return s
-    return 0
+    w, best, mode = np.uint64(width), values.dtype.type(0), 0
+    sums[0] = 0.0
+    for c in range(n):
+        at = np.uint64(places[c]) * w
+        of, exceeds = fill(values.dtype.type(0)), False
+        for g in range(np.uint64(0), w, LANES):
+            part = load(values, at + g)
+            of = add(of, part)
+            exceeds |= any_above(part, fill(best))
+        sums[c + 1] = sums[c] + total(of)
+        if exceeds:
+            for s in range(places[c] * width, (places[c] + 1) * width):
+                if values[s] > best:
+                    best, mode = values[s], s
+    return mode
 
 
 @njit(cache=True, nogil=True)
 def near(
     values: NDArray[np.float32],
-    size: int,
+    width: int,
     index: NDArray[np.int32],
     centres: NDArray[np.float64],
     thetas: NDArray[np.float64],
@@ -72,8 +58,8 @@ def near(
     """Mass within ``radius`` [m] and ``angle`` [rad] of a pose, and its first moments about it.
 
     Args:
-        values: ``(K * P,)``.
-        size: P.
+        values: ``(P * W,)``.
+        width: W.
         index: ``(rows, cols)`` of cell or -1.
         centres: ``(C, 2)`` [m].
         thetas: ``(K,)`` [rad].
@@ -90,27 +76,31 @@ def near(
     if not (-reach <= col <= cols + reach and -reach <= row <= rows + reach):
         return
     last_row, last_col = min(rows, int(row + reach) + 1), min(cols, int(col + reach) + 1)
-    for k in range(thetas.shape[0]):
-        turn = (thetas[k] - pose[2] + np.pi) % (2.0 * np.pi) - np.pi
-        if abs(turn) > angle:
-            continue
-        for y in range(max(0, int(row - reach)), last_row):
-            for x in range(max(0, int(col - reach)), last_col):
-                p = np.float64(values[k * size + y * cols + x])
-                if p > 0.0:
-                    c = index[y, x]
-                    dx, dy = centres[c, 0] - pose[0], centres[c, 1] - pose[1]
-                    if dx * dx + dy * dy <= radius * radius:
-                        out[0] += p
-                        out[1] += p * dx
-                        out[2] += p * dy
-                        out[3] += p * turn
+    turns = (thetas - pose[2] + np.pi) % (2.0 * np.pi) - np.pi
+    within = np.flatnonzero(np.abs(turns) <= angle)
+    for y in range(max(0, int(row - reach)), last_row):
+        for x in range(max(0, int(col - reach)), last_col):
+            c = index[y, x]
+            if c < 0:
+                continue
+            dx, dy = centres[c, 0] - pose[0], centres[c, 1] - pose[1]
+            if dx * dx + dy * dy > radius * radius:
+                continue
+            mass, turned, at = 0.0, 0.0, (y * cols + x) * width
+            for k in within:
+                p = np.float64(values[at + k])
+                mass += p
+                turned += p * turns[k]
+            out[0] += mass
+            out[1] += mass * dx
+            out[2] += mass * dy
+            out[3] += turned
 
 
 @njit(cache=True, nogil=True)
 def estimate(
     values: NDArray[np.float32],
-    size: int,
+    width: int,
     index: NDArray[np.int32],
     centres: NDArray[np.float64],
     thetas: NDArray[np.float64],
@@ -123,8 +113,8 @@ def estimate(
     """The mean of the mass around the mode; see :func:`near`.
 
     Args:
-        values: ``(K * P,)``.
-        size: P.
+        values: ``(P * W,)``.
+        width: W.
         index: ``(rows, cols)``.
         centres: ``(C, 2)`` [m].
         thetas: ``(K,)`` [rad].
@@ -134,32 +124,35 @@ def estimate(
         angle: Of the window.
         out: ``(4,)``, overwritten with the pose and the mass around it.
     """
-    k, place = mode // size, mode % size
+    place, k = mode // width, mode % width
     c = index[place // index.shape[1], place % index.shape[1]]
     pose, moments = np.array([centres[c, 0], centres[c, 1], thetas[k]]), np.empty(4)
     for _ in range(2):
-        near(values, size, index, centres, thetas, frame, pose, radius, angle, moments)
+        near(values, width, index, centres, thetas, frame, pose, radius, angle, moments)
         for i in range(3):
             pose[i] += moments[1 + i] / moments[0]
         pose[2] = (pose[2] + np.pi) % (2.0 * np.pi) - np.pi
-    near(values, size, index, centres, thetas, frame, pose, radius, angle, moments)
+    near(values, width, index, centres, thetas, frame, pose, radius, angle, moments)
     out[:3], out[3] = pose, moments[0]
 
 
 @njit(cache=True, nogil=True)
-def _block_sum(of: NDArray[np.float32]) -> float:
-    """Sum of a block, in four parts at once."""
-    a, b, c, d = 0.0, 0.0, 0.0, 0.0
-    for i in range(0, BLOCK, 4):
-        a, b, c, d = a + of[i], b + of[i + 1], c + of[i + 2], d + of[i + 3]
-    return (a + b) + (c + d)
+def _last_held(values: NDArray[np.float32], places: NDArray[np.int32], c: int, width: int) -> int:
+    """The last state that holds anything, up to those of the c-th place."""
+    while c > 0 and not values[places[c] * width : (places[c] + 1) * width].any():
+        c -= 1
+    at = (places[c] + 1) * width - 1
+    while at > places[c] * width and values[at] <= 0.0:
+        at -= 1
+    return at
 
 
 @njit(cache=True, nogil=True)
 def at_shares(
     values: NDArray[np.float32],
-    runs: NDArray[np.int32],
+    places: NDArray[np.int32],
     n: int,
+    width: int,
     sums: NDArray[np.float64],
     shares: NDArray[np.float64],
     states: NDArray[np.int64],
@@ -167,50 +160,45 @@ def at_shares(
     """States at given shares of the whole mass, counted state by state.
 
     Args:
-        values: ``(K * P,)``.
-        runs: Of ``values``.
+        values: ``(P * W,)``.
+        places: Of ``values``.
         n: How many.
-        sums: ``(n,)``; what each run sums to; see :func:`survey`.
+        width: W.
+        sums: ``(n + 1,)``; see :func:`survey`.
         shares: ``(N,)`` in [0, 1), ascending.
         states: ``(N,)``, overwritten.
     """
-    whole = 0.0
-    for r in range(n):
-        whole += sums[r]
-    final = n - 1
-    while final > 0 and sums[final] == 0.0:
-        final -= 1
-    r, before = 0, 0.0
-    at, cumulative = runs[0, 0], 0.0
+    c = 0
     for j in range(shares.shape[0]):
-        pointer = shares[j] * whole
-        while r < final and before + sums[r] <= pointer:
-            before += sums[r]
-            r += 1
-            at, cumulative = runs[r, 0], before
-        while at < runs[r, 1]:
-            if at % BLOCK == 0:
-                block = _block_sum(values[at : at + BLOCK])
-                if cumulative + block <= pointer and at + BLOCK < runs[r, 1]:
-                    cumulative += block
-                    at += BLOCK
-                    continue
-            if cumulative + values[at] > pointer:
+        pointer = shares[j] * sums[n]
+        # The last place before which there is no more: looked for ever further ahead, then between.
+        ahead = 1
+        while c + ahead < n and sums[c + ahead] <= pointer:
+            c += ahead
+            ahead *= 2
+        while ahead > 1:
+            ahead //= 2
+            if c + ahead < n and sums[c + ahead] <= pointer:
+                c += ahead
+        at, end, cumulative = places[c] * width, (places[c] + 1) * width, sums[c]
+        while at < end:
+            group = total(load(values, np.uint64(at)))
+            if cumulative + group > pointer:
                 break
+            cumulative += group
+            at += N_LANES
+        while at < end and cumulative + values[at] <= pointer:
             cumulative += values[at]
             at += 1
-        last = at
-        if at == runs[r, 1]:  # The sums were rounded.
-            last = at - 1
-            while values[last] <= 0.0:
-                last -= 1
-        states[j] = last
+        if at == end:  # The sums were rounded, or the rest holds nothing.
+            at = _last_held(values, places, c, width)
+        states[j] = at
 
 
 @njit(cache=True, nogil=True)
 def gather(
     states: NDArray[np.int64],
-    size: int,
+    width: int,
     index: NDArray[np.int32],
     centres: NDArray[np.float64],
     thetas: NDArray[np.float64],
@@ -221,7 +209,7 @@ def gather(
 
     Args:
         states: ``(N,)``.
-        size: P.
+        width: W.
         index: ``(rows * cols,)`` of cell or -1.
         centres: ``(C, 2)`` [m].
         thetas: ``(K,)`` [rad].
@@ -236,9 +224,9 @@ def gather(
         if j > 0 and states[j] == states[j - 1]:
             counts[m - 1] += 1
             continue
-        c = index[states[j] % size]
+        c = index[states[j] // width]
         poses[m, 0], poses[m, 1] = centres[c, 0], centres[c, 1]
-        poses[m, 2] = thetas[states[j] // size]
+        poses[m, 2] = thetas[states[j] % width]
         counts[m] = 1
         m += 1
     return m

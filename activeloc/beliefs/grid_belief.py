@@ -1,65 +1,64 @@
-"""One robot's belief in planes, and what a step does to it.
+"""One robot's belief on a grid, and what a step does to it.
 
-A belief of a whole map is gone through in milliseconds, most of them spent on fetching it. So what
-can wait is done on the way of the next pass: a turn waits for the travel, scan or question that
-comes after it, and so does a division by a sum. A belief need not sum to one in between: each
-method says what is left, and :meth:`~PlaneBelief.normalise` or :meth:`~PlaneBelief.divide` brings
+A belief of a whole map is gone through in milliseconds, so what can wait does: a turn waits for
+others, which become one convolution with it, until a travel, a scan or a question comes; a division
+by a sum waits for the next pass that multiplies. A belief need not sum to one in between: each
+method says what is left, and :meth:`~GridBelief.normalise` or :meth:`~GridBelief.divide` brings
 it back.
 """
 
 from __future__ import annotations
 
-from copy import copy
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from activeloc.beliefs import plane_kernels as kernels
-from activeloc.beliefs import plane_motion as motion
-from activeloc.beliefs import plane_poses as found
-from activeloc.beliefs import plane_summary as summary
-from activeloc.beliefs import plane_turns as turns
+from activeloc.beliefs import grid_poses as found
+from activeloc.beliefs import grid_summary as summary
+from activeloc.beliefs import grid_sums as sums
+from activeloc.beliefs import grid_travels as travels
+from activeloc.beliefs import grid_turns as turns
 from activeloc.beliefs.coarse import CoarseBins
+from activeloc.beliefs.grid_layout import Sheet, held
 from activeloc.beliefs.grid_tables import GridTables
-from activeloc.beliefs.plane_layout import Sheet, clear_runs, find_runs
 from activeloc.beliefs.scan_likelihood import ScanLikelihood
+from activeloc.errors import ConfigError
 
-_NOTHING, _NO_TURN = np.empty((0, 0)), turns.Turning(0, np.empty(0), 0, 0, 0.0)
+_NOTHING = np.empty((0, 0))
 
 
-class PlaneBelief:
+class GridBelief:
     """A belief over the states of a map.
 
     Args:
         tables: Of the map.
-        values: ``(K * P,)``, copied; nothing anywhere if None.
+        values: ``(P * W,)``, copied; nothing anywhere if None.
     """
 
-    __slots__ = ("_divisor", "_sheet", "_surveyed", "_turning", "tables")
+    __slots__ = ("_divisor", "_is_loose", "_sheet", "_surveyed", "_turning", "tables")
 
     def __init__(self, tables: GridTables, values: NDArray[np.floating] | None = None) -> None:
         self.tables = tables
         self._sheet = tables.take()
-        self._divisor, self._turning = 1.0, _NO_TURN
+        self._divisor = 1.0
+        self._turning: turns.Turning | None = None
+        self._is_loose = False  # Whether cells may be listed that hold nothing any more.
         self._surveyed: tuple[int, NDArray[np.float64]] | None = None
         if values is None:
-            clear_runs(self._sheet.values, self._sheet.runs, self._sheet.n)
-            self._sheet.n = 0
+            self._sheet.clear(tables.layout)
         else:
-            self._sheet.values[:] = values
-            self._find()
+            self._sheet.put(values, tables.layout)
 
     @classmethod
-    def of(cls, tables: GridTables, bel: NDArray[np.floating]) -> PlaneBelief:
+    def of(cls, tables: GridTables, bel: NDArray[np.floating]) -> GridBelief:
         """From ``(C, K)``."""
         return cls(tables, tables.layout.laid_out(bel, tables.precision))
 
-    def copy(self) -> PlaneBelief:
+    def copy(self) -> GridBelief:
         """An independent copy."""
-        twin = PlaneBelief(self.tables)
-        self._sheet.copy_to(twin._sheet)
+        twin = GridBelief(self.tables)
+        self._sheet.copy_to(twin._sheet, self.tables.layout)
         twin._divisor, twin._turning = self._divisor, self._turning
+        twin._is_loose = self._is_loose
         return twin
 
     def drop(self) -> None:
@@ -76,53 +75,31 @@ class PlaneBelief:
     def sheet(self) -> Sheet:
         """What the belief is, nothing waiting; to be read or written on."""
         self._surveyed = None
-        if self._turns:
-            self._replace(self._turned(self._waiting))
+        if self._turning is not None:
+            self._turn(self._turning)
         elif self._divisor != 1.0:
-            sheet = self._sheet
-            kernels.scale(sheet.values, sheet.runs, sheet.n, 1.0 / self._divisor)
+            sheet, layout = self._sheet, self.tables.layout
+            sums.scale(sheet.values, sheet.places, sheet.n, layout.width, 1.0 / self._divisor)
             self._divisor = 1.0
         return self._sheet
 
     @property
     def _told(self) -> Sheet:
         """What the belief is, but for the division that waits."""
-        self.settle()
+        if self._turning is not None:
+            self._turn(self._turning)
         return self._sheet
 
-    @property
-    def _turns(self) -> bool:
-        """Whether a turn waits."""
-        return len(self._turning.taps) > 0
+    def _turn(self, turning: turns.Turning) -> None:
+        """Carry out the turn that waits, and the division."""
+        self._turn_onto(turning, self._sheet.values)
+        self._turning, self._divisor, self._surveyed = None, 1.0, None
 
-    @property
-    def _waiting(self) -> turns.Turning:
-        """The turn that waits, divided; its taps filled up to fours, unless one is left over."""
-        turning, by = self._turning, 1.0 / self._divisor
-        n = len(turning.taps)
-        taps = np.zeros(n if n % 4 < 2 else n + 4 - n % 4, dtype=self.tables.precision)
-        taps[:n] = turning.taps * by
-        return turning._replace(taps=taps, flat=turning.flat * by)
-
-    def _turned(self, turning: turns.Turning) -> Sheet:
-        """Another sheet with this one turned."""
-        of, to = self._sheet, self.tables.take()
-        to.n = turns.rotate(
-            of.values, of.runs, of.n, self.tables.layout.size, turning,
-            to.values, to.runs, to.n, to.flags,
-        )  # fmt: skip
-        return to
-
-    def _replace(self, sheet: Sheet) -> None:
-        """Go over to another sheet, on which nothing waits."""
-        self.tables.give(self._sheet)
-        self._sheet, self._turning, self._divisor = sheet, _NO_TURN, 1.0
-        self._surveyed = None
-
-    def _find(self) -> None:
-        """Look where the mass is."""
-        sheet = self._sheet
-        sheet.n = find_runs(sheet.values, sheet.flags, self.tables.layout.size, sheet.runs)
+    def _turn_onto(self, turning: turns.Turning, out: NDArray[np.floating]) -> None:
+        """Write what there is to ``(P * W,)`` at its places, turned and divided."""
+        of, layout, by = self._sheet, self.tables.layout, 1.0 / self._divisor
+        how = turns.Convolution.of(turning, layout.headings, self.tables.precision, by)
+        turns.rotate(of.values, of.places, of.n, layout.headings, layout.width, how, out)
 
     def rotate(
         self,
@@ -135,7 +112,7 @@ class PlaneBelief:
         """Turn by so many bins with each of the weights ``(J,)``; see :class:`Turning`."""
         turning = turns.Turning(first, np.asarray(taps, dtype=np.float64), flat_first, n_flat, flat)
         headings = self.tables.layout.headings
-        if self._turns:
+        if self._turning is not None:
             one, two = _as_taps(self._turning), _as_taps(turning)
             turning = one._replace(
                 first=one.first + two.first, taps=np.convolve(one.taps, two.taps)
@@ -143,31 +120,30 @@ class PlaneBelief:
         if turning.n_flat >= headings:
             turning = _as_taps(turning)
         if len(turning.taps) > headings:
-            taps = np.zeros(headings)
-            np.add.at(taps, np.arange(len(turning.taps)) % headings, turning.taps)
+            shift = np.arange(len(turning.taps)) % headings
+            taps = np.bincount(shift, turning.taps, headings).astype(np.float64)
             turning = turning._replace(taps=taps)
         self._turning = turning
 
     def settle(self) -> None:
         """Turn now if a turn waits."""
-        if self._turns:
-            _ = self.sheet
+        _ = self._told
 
-    def turned(self, first: int, n: int) -> PlaneBelief:
+    def turned(self, first: int, n: int) -> GridBelief:
         """A copy of what there is, turned by n shifts [bin] alike; nothing waits on it."""
         self.settle()
-        twin = copy(self)
-        twin.rotate(0, np.zeros(1), first, n, 1.0 / n)
-        twin._sheet, twin._turning, twin._divisor = self._turned(twin._waiting), _NO_TURN, 1.0
-        twin._surveyed = None
+        twin, of = GridBelief(self.tables), self._sheet
+        twin._sheet.n = of.n
+        twin._sheet.places[: of.n] = of.places[: of.n]
+        self._turn_onto(turns.Turning(0, np.zeros(1), first, n, 1.0 / n), twin._sheet.values)
+        twin._is_loose = self._is_loose
         return twin
 
     def mix_turned(self, share: float, first: int, n: int) -> None:
         """Of the turn that waits, let a share be n shifts [bin] alike instead."""
-        turning = self._turning
-        taps = turning.taps if self._turns else np.ones(1)
-        self._turning = _NO_TURN
-        self.rotate(turning.first, np.asarray((1.0 - share) * taps), first, n, share / n)
+        waits, self._turning = self._turning, None
+        turning = turns.Turning(0, np.ones(1), 0, 0, 0.0) if waits is None else _as_taps(waits)
+        self.rotate(turning.first, np.asarray((1.0 - share) * turning.taps), first, n, share / n)
 
     def travel(self, level: int, hops: int, floor: float) -> float:
         """Travel ``level`` half cells, back if negative; returns the mass that is left.
@@ -178,29 +154,28 @@ class PlaneBelief:
             floor: Weight of ways that an obstacle cuts short, in [0, 1].
         """
         tables, layout, precision = self.tables, self.tables.layout, self.tables.precision
-        self.settle()
-        travel = tables.travel.level(abs(level), hops)
-        of, to, divisor = self._sheet, tables.take(), self._divisor
-        start, shift, weight = travel.fours(precision)
-        to.n, mass = motion.translate(
-            of.values, of.runs, of.n, layout.size,
-            0 if level > 0 else layout.headings // 2, layout.cols,
-            start, shift, weight, travel.box, travel.plain, travel.edge_start,
-            travel.source, travel.target, travel.mixed(floor, precision),
-            to.values, to.runs, to.n, to.flags,
+        lists = tables.travel.level(abs(level), hops).lists(backward=level < 0)
+        of, to, self._surveyed = self._told, tables.take(), None
+        to.n, mass = travels.translate(
+            of.values, of.places, of.n, layout.width,
+            lists.which, lists.first, lists.step, lists.mixed(floor, precision),
+            to.values, to.places, to.n, to.flags,
         )  # fmt: skip
-        self._replace(to)
-        self._divisor = divisor
-        return float(mass) / divisor
+        tables.give(of)
+        self._sheet, self._is_loose = to, False
+        return float(mass) / self._divisor
 
     def weigh(self, factor: NDArray[np.floating], floor: float) -> float:
-        """Multiply by ``floor + (1 - floor) factor`` ``(K * P,)``; returns what is left."""
-        sheet = self.sheet
-        return float(kernels.weigh(sheet.values, sheet.runs, sheet.n, factor, floor))
+        """Multiply by ``floor + (1 - floor) factor`` ``(P * W,)``; returns what is left."""
+        sheet, layout, self._surveyed = self._told, self.tables.layout, None
+        divisor, self._divisor, self._is_loose = self._divisor, 1.0, True
+        return sums.weigh(
+            sheet.values, sheet.places, sheet.n, layout.width, factor, floor, divisor,
+        )  # fmt: skip
 
     def touch(self, floor: float) -> float:
         """Weigh by a contact, felt with probability ``floor`` without an obstacle."""
-        return self.weigh(self.tables.travel.near, floor)
+        return self.weigh(self.tables.contact, floor)
 
     def read(self, scan: ScanLikelihood) -> tuple[float, float]:
         """Weigh by a scan; kept if it is impossible.
@@ -209,25 +184,17 @@ class PlaneBelief:
             The sum, 0 if no state explains the scan, and what its logarithm lacks: the log-evidence
             is ``log(sum) + shift``.
         """
-        size = self.tables.layout.size
+        layout, self._is_loose = self.tables.layout, True
         if not scan.as_product:
-            sheet = self.sheet
-            return scan.add_logarithms(sheet.values, sheet.runs, sheet.n, size)
-        of, self._surveyed = self._sheet, None
-        to, divisor = (self.tables.take(), 1.0) if self._turns else (of, self._divisor)
-        to.n, total, shift = scan.multiply(
-            of.values, of.runs, of.n, size, self._waiting, divisor,
-            to.values, to.runs, to.n, to.flags,
-        )  # fmt: skip
-        if to is not of:
-            self._replace(to)
-        self._divisor = 1.0
-        return total, shift
+            return scan.add_logarithms(self.sheet, layout)
+        sheet, self._surveyed = self._told, None
+        divisor, self._divisor = self._divisor, 1.0
+        return scan.multiply(sheet, layout, divisor)
 
     def mass(self) -> float:
         """Sum of it all."""
-        sheet = self._told
-        return float(kernels.total(sheet.values, sheet.runs, sheet.n)) / self._divisor
+        sheet, width = self._told, self.tables.layout.width
+        return float(sums.mass(sheet.values, sheet.places, sheet.n, width)) / self._divisor
 
     def divide(self, mass: float) -> None:
         """Divide by ``mass``."""
@@ -235,40 +202,46 @@ class PlaneBelief:
 
     def scale(self, factor: float) -> None:
         """Multiply by a factor."""
-        kernels.scale(self.sheet.values, self.sheet.runs, self.sheet.n, factor)
+        sheet, self._is_loose = self.sheet, True
+        sums.scale(sheet.values, sheet.places, sheet.n, self.tables.layout.width, factor)
 
-    def add(self, other: PlaneBelief, share: float) -> None:
+    def add(self, other: GridBelief, share: float) -> None:
         """Add a share of another belief."""
-        of, to = other.sheet, self.sheet
-        to.n = kernels.add(
-            to.values, to.runs, to.n, of.values, of.runs, of.n, share,
-            self.tables.layout.size, to.flags,
+        of, to, merged = other._told, self._told, np.empty_like(self._sheet.places)
+        to.n = sums.mix(
+            to.values, to.places, to.n, of.values, of.places, of.n,
+            share * self._divisor / other._divisor, self.tables.layout.width, merged,
         )  # fmt: skip
+        to.places, self._surveyed = merged, None
+        self._is_loose |= other._is_loose
 
     def add_uniform(self, keep: float, mass: float) -> None:
         """Keep a share of what there is, and add a mass spread over the open ground."""
-        values = self.sheet.values
-        values *= keep
-        values += self.tables.uniform_planes * mass
-        self._find()
+        sheet = self.sheet
+        sheet.values *= keep
+        sheet.values += self.tables.everywhere * mass
+        sheet.find(self.tables.layout)
 
     def normalise(self, mass: float, least: float) -> float:
         """Divide by ``mass``, its sum, without states under ``least``; returns what was kept."""
         if least == 0.0:
             self.divide(mass)
             return 1.0
-        sheet, self._surveyed = (self.sheet if self._turns else self._sheet), None
-        sheet.n, kept = kernels.normalise(
-            sheet.values, sheet.runs, sheet.n, self.tables.layout.size, mass * self._divisor,
-            least, sheet.flags,
+        sheet, layout, self._surveyed = self._told, self.tables.layout, None
+        sheet.n, kept = sums.normalise(
+            sheet.values, sheet.places, sheet.n, layout.headings, layout.width,
+            mass * self._divisor, least,
         )  # fmt: skip
-        self._divisor = float(kept)
+        self._divisor, self._is_loose = float(kept), False
         return float(kept)
 
-    def cells_held(self, enough: int) -> int:
-        """How many cells hold any mass; counts no further than a little over ``enough``."""
-        sheet, size = self._sheet, self.tables.layout.size
-        return int(kernels.places_held(sheet.values, sheet.runs, sheet.n, size, enough))
+    def cells_held(self) -> int:
+        """How many cells hold any mass."""
+        sheet = self._sheet
+        if self._is_loose:
+            sheet.n = held(sheet.values, sheet.places, sheet.n, self.tables.layout.width)
+            self._is_loose, self._surveyed = False, None
+        return sheet.n
 
     def entropy(self, w: float) -> float:
         """On the common bins, mixed with so much of the uniform [nat]."""
@@ -277,8 +250,8 @@ class PlaneBelief:
         return self._fold(tables.coarse, w, uniform, _NOTHING)
 
     def masses(self, bins: CoarseBins) -> NDArray[np.float64]:
-        """``(Y * X, H)``; summed in coarser bins."""
-        out = np.empty((bins.shape[0] * bins.shape[1], len(bins.headings)))
+        """``(H, Y * X)``; summed in coarser bins."""
+        out = np.empty((len(bins.headings), bins.shape[0] * bins.shape[1]))
         self._fold(bins, 0.0, (_NOTHING, _NOTHING), out)
         return out
 
@@ -291,9 +264,9 @@ class PlaneBelief:
     ) -> float:
         sheet, layout = self._told, self.tables.layout
         nats: float = summary.fold(
-            sheet.values, sheet.runs, sheet.n, layout.size, layout.cols,
-            bins.headings, 1.0 / self._divisor,
-            bins.row_bins, bins.row_shares, bins.col_first, bins.col_shares,
+            sheet.values, sheet.places, sheet.n, layout.cols, layout.width, bins.shape[1],
+            1.0 / self._divisor, bins.row_first, bins.row_shares, bins.col_bins, bins.col_shares,
+            bins.heading_start, bins.heading_bin, bins.heading_share, bins.even,
             w, *uniform, self.tables.uniform_entropy, out,
         )  # fmt: skip
         return nats
@@ -308,19 +281,18 @@ class PlaneBelief:
         sheet, tables, out = self._told, self.tables, np.empty(4)
         (mode, _), poses = self._survey(), tables.poses
         found.estimate(
-            sheet.values, tables.layout.size, poses.index, poses.centres, poses.thetas,
+            sheet.values, tables.layout.width, poses.index, poses.centres, poses.thetas,
             tables.frame, mode, radius, angle, out,
         )  # fmt: skip
         return out[:3], float(out[3]) / self._divisor
 
     def _survey(self) -> tuple[int, NDArray[np.float64]]:
-        """The likeliest state, and what each run sums to: kept until the belief changes."""
+        """The likeliest state, and what places sum to: kept until the belief changes."""
         sheet = self._told
         if self._surveyed is None:
-            bits: NDArray[Any] = sheet.values.view(f"i{sheet.values.itemsize}")
-            sums = np.empty(sheet.n)
-            mode = found.survey(sheet.values, bits, sheet.runs, sheet.n, sums)
-            self._surveyed = mode, sums
+            each = np.empty(sheet.n + 1)
+            mode = found.survey(sheet.values, sheet.places, sheet.n, self.tables.layout.width, each)
+            self._surveyed = mode, each
         return self._surveyed
 
     def near(self, pose: NDArray[np.float64], radius: float, angle: float) -> float:
@@ -328,14 +300,14 @@ class PlaneBelief:
         poses, out = self.tables.poses, np.empty(4)
         sheet = self._told
         found.near(
-            sheet.values, self.tables.layout.size, poses.index, poses.centres, poses.thetas,
+            sheet.values, self.tables.layout.width, poses.index, poses.centres, poses.thetas,
             self.tables.frame, pose, radius, angle, out,
         )  # fmt: skip
         return float(out[0]) / self._divisor
 
     def at_shares(self, shares: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
         """Cells and heading bins at ascending shares ``(N,)`` in [0, 1) of the mass."""
-        heading, place = np.divmod(self._states_at(shares), self.tables.layout.size)
+        place, heading = np.divmod(self._states_at(shares), self.tables.layout.width)
         return self.tables.poses.index.ravel()[place], heading
 
     def thinned(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -343,16 +315,19 @@ class PlaneBelief:
         states, grid = self._states_at((np.arange(n) + 0.5) / n), self.tables.poses
         poses, counts = np.empty((n, 3)), np.empty(n, dtype=np.int64)
         m = found.gather(
-            states, self.tables.layout.size, grid.index.ravel(), grid.centres, grid.thetas,
+            states, self.tables.layout.width, grid.index.ravel(), grid.centres, grid.thetas,
             poses, counts,
         )  # fmt: skip
         return poses[:m], counts[:m]
 
     def _states_at(self, shares: NDArray[np.float64]) -> NDArray[np.int64]:
         """States at ascending shares ``(N,)`` in [0, 1) of the mass."""
-        sheet, (_, sums) = self._told, self._survey()
+        sheet, (_, each) = self._told, self._survey()
+        if sheet.n == 0:
+            raise ConfigError("a belief that holds nothing has no poses")
         states = np.empty(len(shares), dtype=np.int64)
-        found.at_shares(sheet.values, sheet.runs, sheet.n, sums, shares, states)
+        width = self.tables.layout.width
+        found.at_shares(sheet.values, sheet.places, sheet.n, width, each, shares, states)
         return states
 
 

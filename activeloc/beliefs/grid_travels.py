@@ -1,0 +1,65 @@
+"""The kernel that lets a belief travel: each lane group to the places that its list says.
+
+Lists are those of :class:`activeloc.beliefs.travel_lists.TravelLists`.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from activeloc.beliefs.grid_layout import LANES, clear, collect
+from activeloc.beliefs.grid_sums import mass
+from activeloc.beliefs.lanes import add, any_above, fill, load, mul, store
+
+
+@njit(cache=True, nogil=True)
+def translate(
+    values: NDArray[np.float32],
+    places: NDArray[np.int32],
+    n: int,
+    width: int,
+    which: NDArray[np.int32],
+    first: NDArray[np.int64],
+    step: NDArray[np.int32],
+    weight: NDArray[np.float32],
+    out: NDArray[np.float32],
+    out_places: NDArray[np.int32],
+    n_out: int,
+    flags: NDArray[np.uint8],
+) -> tuple[int, float]:
+    """out(x') = sum over x of p(x' | x) values(x).
+
+    Args:
+        values: ``(P * W,)``.
+        places: Of ``values``, the first n.
+        n: How many.
+        width: W.
+        which: ``(P * G,)``; list of each place and lane group,
+        first: ``(L + 1,)``; where each list's entries begin,
+        step: ``(M,)``; places from the state's to the entry's, and
+        weight: ``(M * LANES,)``; share of each heading that goes there.
+        out: ``(P * W,)``, overwritten.
+        out_places: What ``out`` holds before; overwritten with what it holds afterwards.
+        n_out: How many places that was.
+        flags: Zeros.
+
+    Returns:
+        How many places ``out`` has, and its sum.
+    """
+    clear(out, out_places, n_out, width)
+    w, one, n_groups = np.uint64(width), np.uint64(1), np.uint64(width) // LANES
+    nothing = fill(values.dtype.type(0))
+    for c in range(n):
+        p = np.uint64(places[c])
+        for g in range(n_groups):
+            part = load(values, p * w + g * LANES)
+            if not any_above(part, nothing):
+                continue
+            r = np.uint64(which[p * n_groups + g])
+            for e in range(np.uint64(first[r]), np.uint64(first[r + one])):
+                there = p + np.uint64(step[e])
+                to = there * w + g * LANES
+                store(out, to, add(load(out, to), mul(part, load(weight, e * LANES))))
+                flags[there] = 1
+    n_out = collect(flags, out, width, out_places)
+    return n_out, mass(out, out_places, n_out, width)

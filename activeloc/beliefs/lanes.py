@@ -1,0 +1,183 @@
+"""Eight numbers at a time: what compiled kernels load, multiply, add and store at once.
+
+A compiler does several numbers at once where it can tell that a loop is long and its arrays do not
+overlap. The loops over the headings of a cell are short and there are many of them; so they are
+written out here, eight headings to a *lane group*, and stay in registers from one to the next. Sums
+and products of lanes are those of the numbers, in the order written: no rounding differs between
+machines.
+
+These are called in compiled code alone. Arrays are flat and contiguous, of float32 or float64, and
+places in them are ``np.uint64``; nothing is checked.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir
+from numba.core import types
+from numba.core.datamodel.models import PrimitiveModel
+from numba.extending import intrinsic, register_model
+
+N_LANES = 8
+_INDEX = ir.IntType(32)
+# To the type checkers Numba's are no classes, nor what it makes of a function the same function.
+_in_line: Any = intrinsic
+_Type: Any = types.Type
+_Primitive: Any = PrimitiveModel
+
+
+class Lanes(_Type):  # type: ignore[misc]
+    """Numba's type of eight numbers.
+
+    Args:
+        of: Their type.
+    """
+
+    def __init__(self, of: Any) -> None:
+        self.of = of
+        super().__init__(name=f"Lanes({of})")
+
+
+@register_model(Lanes)
+class _Register(_Primitive):  # type: ignore[misc]
+    """They are kept in a vector register."""
+
+    def __init__(self, manager: Any, of: Any) -> None:
+        number = manager.lookup(of.of).get_value_type()
+        super().__init__(manager, of, ir.VectorType(number, N_LANES))
+
+
+def _vector(context: Any, of: Any) -> Any:
+    return ir.VectorType(context.get_value_type(of), N_LANES)
+
+
+def _pointer(context: Any, builder: Any, kind: Any, array: Any, at: Any) -> Any:
+    """Where eight elements of an array begin."""
+    first = builder.gep(context.make_array(kind)(context, builder, value=array).data, [at])
+    return builder.bitcast(first, _vector(context, kind.dtype).as_pointer())
+
+
+@_in_line
+def load(typing: Any, array: Any, at: Any) -> Any:
+    """Eight elements of an array from ``at`` on."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        pointer = _pointer(context, builder, array, args[0], args[1])
+        return builder.load(pointer, align=array.dtype.bitwidth // 8)
+
+    return Lanes(array.dtype)(array, types.uint64), generate
+
+
+@_in_line
+def store(typing: Any, array: Any, at: Any, lanes: Any) -> Any:
+    """Write eight elements of an array from ``at`` on."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        pointer = _pointer(context, builder, array, args[0], args[1])
+        builder.store(args[2], pointer, align=array.dtype.bitwidth // 8)
+        return context.get_dummy_value()
+
+    return types.void(array, types.uint64, lanes), generate
+
+
+@_in_line
+def fill(typing: Any, number: Any) -> Any:
+    """One number eight times."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        vector = _vector(context, number)
+        empty = ir.Constant(vector, ir.Undefined)
+        one = builder.insert_element(empty, args[0], ir.Constant(_INDEX, 0))
+        everywhere = ir.Constant(ir.VectorType(_INDEX, N_LANES), [0] * N_LANES)
+        return builder.shuffle_vector(one, empty, everywhere)
+
+    return Lanes(number)(number), generate
+
+
+def _pairwise(name: str, what: str) -> Any:
+    """An operation on two groups of eight."""
+
+    def operation(typing: Any, a: Any, b: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            return getattr(builder, name)(*args)
+
+        return a(a, b), generate
+
+    operation.__doc__ = what
+    operation.__name__ = name
+    return _in_line(operation)
+
+
+add = _pairwise("fadd", "Sums.")
+mul = _pairwise("fmul", "Products.")
+sub = _pairwise("fsub", "Differences.")
+
+
+@_in_line
+def at_least(typing: Any, a: Any, b: Any, otherwise: Any) -> Any:
+    """Those of a that are at least those of b; those of a third where not."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.select(builder.fcmp_ordered(">=", args[0], args[1]), args[0], args[2])
+
+    return a(a, b, otherwise), generate
+
+
+@_in_line
+def any_above(typing: Any, a: Any, b: Any) -> Any:
+    """Whether any of a is larger than its b, or not a number."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        bits = ir.IntType(N_LANES)
+        holds = builder.bitcast(builder.fcmp_unordered(">", args[0], args[1]), bits)
+        return builder.icmp_unsigned("!=", holds, ir.Constant(bits, 0))
+
+    return types.boolean(a, b), generate
+
+
+@_in_line
+def widened(typing: Any, lanes: Any) -> Any:
+    """As float64."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        if lanes.of == types.float64:
+            return args[0]
+        return builder.fpext(args[0], _vector(context, types.float64))
+
+    return Lanes(types.float64)(lanes), generate
+
+
+@_in_line
+def total(typing: Any, lanes: Any) -> Any:
+    """Sum of the eight as float64: the first four to the last four, and so on by halves."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        wide = args[0]
+        if lanes.of != types.float64:
+            wide = builder.fpext(wide, _vector(context, types.float64))
+        each = [builder.extract_element(wide, ir.Constant(_INDEX, i)) for i in range(N_LANES)]
+        while len(each) > 1:
+            half = len(each) // 2
+            each = [builder.fadd(each[i], each[half + i]) for i in range(half)]
+        return each[0]
+
+    return types.float64(lanes), generate
+
+
+@_in_line
+def look_up(typing: Any, table: Any, first: Any, indices: Any, at: Any) -> Any:
+    """Elements ``first + index`` of a table for eight unsigned indices, an array's from ``at``."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        of = context.make_array(table)(context, builder, value=args[0]).data
+        where = context.make_array(indices)(context, builder, value=args[2]).data
+        lanes = ir.Constant(_vector(context, table.dtype), ir.Undefined)
+        for i in range(N_LANES):
+            place = builder.add(args[3], ir.Constant(args[3].type, i))
+            index = builder.zext(builder.load(builder.gep(where, [place])), args[1].type)
+            number = builder.load(builder.gep(of, [builder.add(args[1], index)]))
+            lanes = builder.insert_element(lanes, number, ir.Constant(_INDEX, i))
+        return lanes
+
+    return Lanes(table.dtype)(table, types.uint64, indices, types.uint64), generate
