@@ -124,17 +124,27 @@ def evaluate(
                 on_record=progress.add,
             )
         except KeyboardInterrupt as interrupt:
-            total = len(names) * episodes
-            interrupt.add_note(
-                f"{progress.n_records} of {total} episodes are kept in {out}; "
-                "the same command goes on"
-                if progress.n_records
-                else "no episode was finished"
-            )
+            interrupt.add_note(_how_to_go_on(sweep, out, overwrite))
             raise
     if report:
         _illustrate(results, out)
     _print(results, out)
+
+
+def _how_to_go_on(sweep: Sweep, folder: Path, overwrite: bool) -> str:
+    """What an interrupted sweep leaves: what its file holds, whatever the bar had counted."""
+    from activeloc.agents.evaluation import n_kept
+    from activeloc.errors import ConfigError
+
+    try:
+        kept = n_kept(sweep, folder)
+    except ConfigError:  # Results of an earlier run that were to be thrown away.
+        kept = 0
+    if not kept:
+        return "no episode was finished"
+    command = "the same command without --overwrite" if overwrite else "the same command"
+    total = len(sweep.agents) * sweep.episodes
+    return f"{kept} of {total} episodes are kept in {folder}; {command} goes on"
 
 
 def _illustrate(results: Report, folder: Path) -> None:
@@ -179,11 +189,6 @@ class _Progress:
         }
         self.right = dict.fromkeys(sweep.agents, 0)
         self.done = dict.fromkeys(sweep.agents, 0)
-
-    @property
-    def n_records(self) -> int:
-        """Episodes played so far, by all agents, in this run and in earlier ones."""
-        return sum(self.done.values())
 
     def add(self, record: Record) -> None:
         """Count an episode."""

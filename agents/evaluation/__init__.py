@@ -20,7 +20,7 @@ from activeloc.agents.evaluation.episodes import Player
 from activeloc.agents.evaluation.gallery import write_gallery
 from activeloc.agents.evaluation.records import Record, penalised_area
 from activeloc.agents.evaluation.report import Report
-from activeloc.agents.evaluation.runner import evaluate
+from activeloc.agents.evaluation.runner import evaluate, n_kept
 from activeloc.agents.evaluation.starts import Starts
 from activeloc.agents.evaluation.statistics import Estimate
 from activeloc.agents.evaluation.sweep import Sweep
@@ -33,6 +33,7 @@ __all__ = [
     "Starts",
     "Sweep",
     "evaluate",
+    "n_kept",
     "penalised_area",
     "write_gallery",
 ]

@@ -71,6 +71,18 @@ def evaluate(
     return report
 
 
+def n_kept(sweep: Sweep, folder: Path) -> int:
+    """How many of a sweep's episodes a folder keeps: what the next run there need not play.
+
+    Raises:
+        ConfigError: If the folder holds episodes of another configuration, or damaged ones.
+        OSError: If they cannot be read.
+    """
+    stored = read_records(folder / FILE_NAME)
+    stored.demand(folder, sweep.identity())
+    return len(_wanted(sweep, stored.records))
+
+
 def _check_folder(folder: Path, overwrite: bool) -> None:
     """Refuse what cannot be the results' folder, and results that nobody can resume."""
     if folder.exists() and not folder.is_dir():

@@ -82,6 +82,23 @@ def test_stopped_runs_say_how_to_go_on(place, number, jobs, code, word):
     assert main(arguments.replace("100000", "2").split()) == 0
 
 
+@pytest.mark.parametrize(
+    ("more", "way"),
+    [("", "the same command"), ("--overwrite", "the same command without --overwrite")],
+)
+def test_what_is_kept_is_what_the_file_holds(monkeypatch, capsys, more, way):
+    # The interrupt comes when an episode is in the file and not yet on the bar.
+    def stop(progress, record):
+        if record.episode == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("activeloc.cli.evaluate._Progress.add", stop)
+    arguments = "evaluate --map hut.txt --agents spin --episodes 9 --out out --steps 2 --set"
+    assert main([*arguments.split(), "belief.headings=12", *more.split()]) == 130
+    err = capsys.readouterr().err
+    assert err == f"activeloc: interrupted; 3 of 9 episodes are kept in out; {way} goes on\n"
+
+
 def test_nobody_reads(place):
     read, write = os.pipe()
     os.close(read)
