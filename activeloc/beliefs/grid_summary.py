@@ -9,7 +9,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from activeloc.beliefs.grid_layout import LANES
-from activeloc.beliefs.lanes import add, fill, load, mul, store
+from activeloc.beliefs.lanes import N_LANES, add, at_least, fill, load, log, mul, store, total
+
+LEAST = float(np.finfo(np.float64).tiny)
 
 
 @njit(cache=True, nogil=True)
@@ -25,66 +27,109 @@ def _row_begins(places: NDArray[np.int32], n: int, cols: int, rows: int) -> NDAr
 
 
 @njit(cache=True, nogil=True)
-def _add_row(
+def _add_rows(
     values: NDArray[np.float32],
     places: NDArray[np.int32],
+    begins: NDArray[np.int64],
     first: int,
-    last: int,
-    row_start: int,
+    shares: NDArray[np.float64],
+    cols: int,
     width: int,
-    share: float,
+    factor: float,
     col_bins: NDArray[np.int32],
     col_shares: NDArray[np.float64],
     sums: NDArray[np.float32],
     is_reached: NDArray[np.bool_],
 ) -> None:
-    """Add a share of one row's cells to coarse columns.
+    """Add the cells under a coarse row to coarse columns.
 
     Args:
         values: ``(P * W,)``.
-        places: Of ``values``; the row's from
-        first: this one on, before
-        last: this one.
-        row_start: The row's first place.
+        places: Of ``values``; those of row r from
+        begins: ``begins[r]`` on, before ``begins[r + 1]``.
+        first: First row under the coarse one.
+        shares: ``(L,)``; of it, and of those that follow.
+        cols: Places in a row.
         width: W.
-        share: What counts of the row.
+        factor: What the belief is multiplied by.
         col_bins: ``(cols, M)``; coarse columns under each column, and
         col_shares: ``(cols, M)`` of it in each.
-        sums: ``(X * W,)``, added to.
+        sums: ``(X * W + W,)``, added to.
         is_reached: ``(X,)``; set where anything is added.
     """
     w = np.uint64(width)
-    for c in range(first, last):
-        col, at = places[c] - row_start, np.uint64(places[c]) * w
-        for j in range(col_bins.shape[1]):
-            if col_shares[col, j] > 0.0:
-                x = col_bins[col, j]
-                to, by = np.uint64(x) * w, fill(values.dtype.type(share * col_shares[col, j]))
-                is_reached[x] = True
-                for g in range(np.uint64(0), w, LANES):
-                    part = mul(by, load(values, at + g))
-                    store(sums, to + g, add(load(sums, to + g), part))
+    for i in range(min(shares.shape[0], begins.shape[0] - 1 - first)):
+        row, share = first + i, factor * shares[i]
+        for c in range(begins[row], begins[row + 1]):
+            col, at = places[c] - row * cols, np.uint64(places[c]) * w
+            for j in range(col_bins.shape[1]):
+                part = values.dtype.type(share * col_shares[col, j])
+                if part > 0.0:
+                    x, by = col_bins[col, j], fill(part)
+                    to, is_reached[x] = np.uint64(x) * w, True
+                    for g in range(np.uint64(0), w, LANES):
+                        more = mul(by, load(values, at + g))
+                        store(sums, to + g, add(load(sums, to + g), more))
 
 
 @njit(cache=True, nogil=True)
 def _fold_headings(
-    of: NDArray[np.float32],
+    sums: NDArray[np.float32],
+    reached: NDArray[np.int64],
+    width: int,
     start: NDArray[np.int64],
     heading: NDArray[np.int32],
     share: NDArray[np.float64],
     even: int,
     out: NDArray[np.float64],
 ) -> None:
-    """Sum a coarse column's headings ``(W,)`` in coarse ones ``(H,)``; see :func:`fold`."""
-    for j in range(out.shape[0]):
-        p = 0.0
+    """Sum the headings of coarse columns in coarse ones, and empty the columns; see :func:`fold`.
+
+    Args:
+        sums: ``(X * W + W,)``; runs of headings that begin in the last column end beyond it.
+        reached: ``(N,)``; columns.
+        width: W.
+        start: ``(H + 1,)``; see :func:`fold`.
+        heading: ``(E,)``; see there.
+        share: ``(E,)``; see there.
+        even: See there.
+        out: ``(N, H)``, overwritten.
+    """
+    w, one, of_each = np.uint64(width), np.uint64(1), np.uint64(even)
+    runs, nothing = np.empty(width, sums.dtype), fill(sums.dtype.type(0))
+    for i in range(reached.shape[0]):
+        at = np.uint64(reached[i]) * w
         if even > 0:
-            for k in range(j * even, (j + 1) * even):
-                p += of[k]
+            # Runs are added up from each heading on, eight at once; every so many is wanted.
+            for g in range(np.uint64(0), w, LANES):
+                run = load(sums, at + g)
+                for k in range(one, of_each):
+                    run = add(run, load(sums, at + g + k))
+                store(runs, g, run)
+            for j in range(out.shape[1]):
+                out[i, j] = runs[j * even]
         else:
-            for e in range(start[j], start[j + 1]):
-                p += share[e] * of[heading[e]]
-        out[j] = p
+            for j in range(out.shape[1]):
+                p = 0.0
+                for e in range(start[j], start[j + 1]):
+                    p += share[e] * sums[at + np.uint64(heading[e])]
+                out[i, j] = p
+        for g in range(np.uint64(0), w, LANES):
+            store(sums, at + g, nothing)
+
+
+@njit(cache=True, nogil=True)
+def _nats(p: NDArray[np.float64], n: int) -> float:
+    """Sum of p log p over the first n, all positive; those up to a whole lane group are lost."""
+    # What is not there is as good as nothing, and has a logarithm.
+    nothing = fill(LEAST)
+    store(p, np.uint64(n), nothing)
+    sums = fill(0.0)
+    for i in range(np.uint64(0), np.uint64(n), LANES):
+        # Less than the least is no normal number.
+        each = load(p, i)
+        sums = add(sums, mul(each, log(at_least(each, nothing, nothing))))
+    return total(sums)
 
 
 @njit(cache=True, nogil=True)
@@ -137,41 +182,42 @@ def fold(
     Returns:
         The entropy of the belief mixed with the uniform [nat]; 0 where ``out`` is given.
     """
-    n_rows = values.shape[0] // width // cols
+    n_rows, n_headings = values.shape[0] // width // cols, heading_start.shape[0] - 1
     begins = _row_begins(places, n, cols, n_rows)
-    sums, is_reached = np.zeros(n_cols * width, values.dtype), np.zeros(n_cols, np.bool_)
-    folded = np.empty(heading_start.shape[0] - 1)
+    sums, is_reached = np.zeros((n_cols + 1) * width, values.dtype), np.zeros(n_cols, np.bool_)
+    folded, told = np.empty((n_cols, n_headings)), np.empty(n_cols * n_headings + N_LANES)
     h, rest, rest_entropy = 0.0, 1.0, uniform_entropy
     if out.size > 0:
         out[:] = 0.0
     for y in range(row_first.shape[0]):
-        for i in range(row_shares.shape[1]):
-            row = row_first[y] + i
-            if row < n_rows and row_shares[y, i] > 0.0:
-                _add_row(
-                    values, places, begins[row], begins[row + 1], row * cols, width,
-                    factor * row_shares[y, i], col_bins, col_shares, sums, is_reached,
-                )  # fmt: skip
-        for x in range(n_cols):
-            if not is_reached[x]:
+        # Rows with the same coarse row, and coarse columns, at a time: a call costs as much as a
+        # column.
+        _add_rows(
+            values, places, begins, row_first[y], row_shares[y], cols, width, factor,
+            col_bins, col_shares, sums, is_reached,
+        )  # fmt: skip
+        reached = np.flatnonzero(is_reached)
+        if reached.shape[0] == 0:
+            continue
+        is_reached[:] = False
+        _fold_headings(
+            sums, reached, width, heading_start, heading_bin, heading_share, even, folded
+        )
+        n_told = 0
+        for i in range(reached.shape[0]):
+            place = y * n_cols + reached[i]
+            if out.size > 0:
+                for j in range(n_headings):
+                    out[j, place] = folded[i, j]
                 continue
-            of = sums[x * width : (x + 1) * width]
-            _fold_headings(of, heading_start, heading_bin, heading_share, even, folded)
-            for j in range(folded.shape[0]):
-                p = folded[j]
-                if p <= 0.0:
-                    continue
-                if out.size > 0:
-                    out[j, y * n_cols + x] = p
-                    continue
-                if w_uniform > 0.0:
-                    u = uniform[y * n_cols + x, j]
-                    p = (1.0 - w_uniform) * p + w_uniform * u
-                    rest -= u
-                    rest_entropy += uniform_nats[y * n_cols + x, j]
-                h -= p * np.log(p)
-            of[:] = 0.0
-            is_reached[x] = False
+            for j in range(n_headings):
+                # Without a branch: which bins hold anything, nobody can guess.
+                p, counts = folded[i, j], 1.0 if folded[i, j] > 0.0 else 0.0
+                told[n_told] = (1.0 - w_uniform) * p + w_uniform * uniform[place, j]
+                rest -= counts * uniform[place, j]
+                rest_entropy += counts * uniform_nats[place, j]
+                n_told += p > 0.0
+        h -= _nats(told, n_told)
     # Elsewhere the belief is w u: the sum of -w u (log w + log u) over the bins not visited.
     if w_uniform > 0.0:
         h += w_uniform * (max(rest_entropy, 0.0) - max(rest, 0.0) * np.log(w_uniform))

@@ -21,6 +21,13 @@ from numba.extending import intrinsic, register_model
 
 N_LANES = 8
 _INDEX = ir.IntType(32)
+_LN2 = 6.93147180369123816490e-01, 1.90821492927058770002e-10  # High and low part.
+_LOG = (
+    6.666666666666735130e-01, 3.999999999940941908e-01, 2.857142874366239149e-01,
+    2.222219843214978396e-01, 1.818357216161805012e-01, 1.531383769920937332e-01,
+    1.479819860511658591e-01,
+)  # fmt: skip
+"""Coefficients of s^2, s^4 ... in the logarithm of the mantissa; see :func:`log`."""
 # To the type checkers Numba's are no classes, nor what it makes of a function the same function.
 _in_line: Any = intrinsic
 _Type: Any = types.Type
@@ -146,6 +153,52 @@ def widened(typing: Any, lanes: Any) -> Any:
         return builder.fpext(args[0], _vector(context, types.float64))
 
     return Lanes(types.float64)(lanes), generate
+
+
+@_in_line
+def log(typing: Any, lanes: Any) -> Any:
+    """Natural logarithms of positive normal float64, to a unit in the last place.
+
+    x = 2^e m with m in [sqrt(1/2), sqrt(2)), s = (m - 1) / (m + 1), and log m = 2 artanh s by the
+    polynomial of FreeBSD's ``e_log.c`` (Sun Microsystems, 1993): log m = f - f^2 / 2 + s (f^2 / 2
+    + R(s^2)) with f = m - 1.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        reals = _vector(context, types.float64)
+        whole = ir.VectorType(ir.IntType(64), N_LANES)
+
+        def all_of(kind: Any, number: Any) -> Any:
+            return ir.Constant(kind, [number] * N_LANES)
+
+        def polynomial(x: Any, *coefficients: float) -> Any:
+            result = all_of(reals, coefficients[-1])
+            for c in coefficients[-2::-1]:
+                result = builder.fadd(all_of(reals, c), builder.fmul(x, result))
+            return result
+
+        bits = builder.bitcast(args[0], whole)
+        above = builder.sub(bits, all_of(whole, 0x3FE6A09E00000000))  # sqrt(1/2)
+        exponent = builder.ashr(above, all_of(whole, 52))
+        m = builder.bitcast(builder.sub(bits, builder.shl(exponent, all_of(whole, 52))), reals)
+        # Put in the last bits of 1.5 * 2^52, a small whole number is a float64 at once.
+        shifted = builder.add(exponent, all_of(whole, 0x4338000000000000))
+        e = builder.fsub(builder.bitcast(shifted, reals), all_of(reals, 6755399441055744.0))
+        f = builder.fsub(m, all_of(reals, 1.0))
+        s = builder.fdiv(f, builder.fadd(f, all_of(reals, 2.0)))
+        z = builder.fmul(s, s)
+        w = builder.fmul(z, z)
+        odd = polynomial(w, *_LOG[0::2])
+        even = polynomial(w, *_LOG[1::2])
+        r = builder.fadd(builder.fmul(z, odd), builder.fmul(w, even))
+        half = builder.fmul(all_of(reals, 0.5), builder.fmul(f, f))
+        low = builder.fadd(
+            builder.fmul(s, builder.fadd(half, r)), builder.fmul(e, all_of(reals, _LN2[1]))
+        )
+        rest = builder.fsub(builder.fsub(half, low), f)
+        return builder.fsub(builder.fmul(e, all_of(reals, _LN2[0])), rest)
+
+    return lanes(lanes), generate
 
 
 @_in_line
