@@ -34,7 +34,7 @@ class GridBelief:
         values: ``(P * W,)``, copied; nothing anywhere if None.
     """
 
-    __slots__ = ("_divisor", "_is_loose", "_sheet", "_surveyed", "_turning", "tables")
+    __slots__ = ("_added_up", "_divisor", "_is_loose", "_mode", "_sheet", "_turning", "tables")
 
     def __init__(self, tables: GridTables, values: NDArray[np.floating] | None = None) -> None:
         self.tables = tables
@@ -42,7 +42,9 @@ class GridBelief:
         self._divisor = 1.0
         self._turning: turns.Turning | None = None
         self._is_loose = False  # Whether cells may be listed that hold nothing any more.
-        self._surveyed: tuple[int, NDArray[np.float64]] | None = None
+        # The likeliest state, and what places sum to, where they are known.
+        self._mode: int | None = None
+        self._added_up: NDArray[np.float64] | None = None
         if values is None:
             self._sheet.clear(tables.layout)
         else:
@@ -74,7 +76,7 @@ class GridBelief:
     @property
     def sheet(self) -> Sheet:
         """What the belief is, nothing waiting; to be read or written on."""
-        self._surveyed = None
+        self._forget()
         if self._turning is not None:
             self._turn(self._turning)
         elif self._divisor != 1.0:
@@ -93,7 +95,8 @@ class GridBelief:
     def _turn(self, turning: turns.Turning) -> None:
         """Carry out the turn that waits, and the division."""
         self._turn_onto(turning, self._sheet.values)
-        self._turning, self._divisor, self._surveyed = None, 1.0, None
+        self._turning, self._divisor = None, 1.0
+        self._forget()
 
     def _turn_onto(self, turning: turns.Turning, out: NDArray[np.floating]) -> None:
         """Write what there is to ``(P * W,)`` at its places, turned and divided."""
@@ -155,19 +158,21 @@ class GridBelief:
         """
         tables, layout, precision = self.tables, self.tables.layout, self.tables.precision
         lists = tables.travel.level(abs(level), hops).lists(backward=level < 0)
-        of, to, self._surveyed = self._told, tables.take(), None
+        of, to = self._told, tables.take()
+        self._forget()
         to.n, mass = travels.translate(
             of.values, of.places, of.n, layout.width,
-            lists.which, lists.first, lists.step, lists.mixed(floor, precision),
+            lists.which, lists.first, lists.step, *lists.mixed(floor, precision),
             to.values, to.places, to.n, to.flags,
         )  # fmt: skip
         tables.give(of)
-        self._sheet, self._is_loose = to, False
+        self._sheet, self._is_loose = to, True
         return float(mass) / self._divisor
 
     def weigh(self, factor: NDArray[np.floating], floor: float) -> float:
         """Multiply by ``floor + (1 - floor) factor`` ``(P * W,)``; returns what is left."""
-        sheet, layout, self._surveyed = self._told, self.tables.layout, None
+        sheet, layout = self._told, self.tables.layout
+        self._forget()
         divisor, self._divisor, self._is_loose = self._divisor, 1.0, True
         return sums.weigh(
             sheet.values, sheet.places, sheet.n, layout.width, factor, floor, divisor,
@@ -187,7 +192,8 @@ class GridBelief:
         layout, self._is_loose = self.tables.layout, True
         if not scan.as_product:
             return scan.add_logarithms(self.sheet, layout)
-        sheet, self._surveyed = self._told, None
+        sheet = self._told
+        self._forget()
         divisor, self._divisor = self._divisor, 1.0
         return scan.multiply(sheet, layout, divisor)
 
@@ -212,7 +218,8 @@ class GridBelief:
             to.values, to.places, to.n, of.values, of.places, of.n,
             share * self._divisor / other._divisor, self.tables.layout.width, merged,
         )  # fmt: skip
-        to.places, self._surveyed = merged, None
+        to.places = merged
+        self._forget()
         self._is_loose |= other._is_loose
 
     def add_uniform(self, keep: float, mass: float) -> None:
@@ -227,8 +234,9 @@ class GridBelief:
         if least == 0.0:
             self.divide(mass)
             return 1.0
-        sheet, layout, self._surveyed = self._told, self.tables.layout, None
-        sheet.n, kept = sums.normalise(
+        sheet, layout = self._told, self.tables.layout
+        self._forget()
+        sheet.n, kept, self._mode = sums.normalise(
             sheet.values, sheet.places, sheet.n, layout.headings, layout.width,
             mass * self._divisor, least,
         )  # fmt: skip
@@ -240,7 +248,7 @@ class GridBelief:
         sheet = self._sheet
         if self._is_loose:
             sheet.n = held(sheet.values, sheet.places, sheet.n, self.tables.layout.width)
-            self._is_loose, self._surveyed = False, None
+            self._is_loose, self._added_up = False, None
         return sheet.n
 
     def entropy(self, w: float) -> float:
@@ -279,21 +287,27 @@ class GridBelief:
             angle: [rad].
         """
         sheet, tables, out = self._told, self.tables, np.empty(4)
-        (mode, _), poses = self._survey(), tables.poses
+        poses, width = tables.poses, tables.layout.width
+        if self._mode is None:
+            self._mode = int(found.likeliest(sheet.values, sheet.places, sheet.n, width))
         found.estimate(
-            sheet.values, tables.layout.width, poses.index, poses.centres, poses.thetas,
-            tables.frame, mode, radius, angle, out,
+            sheet.values, width, poses.index, poses.centres, poses.thetas,
+            tables.frame, self._mode, radius, angle, out,
         )  # fmt: skip
         return out[:3], float(out[3]) / self._divisor
 
-    def _survey(self) -> tuple[int, NDArray[np.float64]]:
-        """The likeliest state, and what places sum to: kept until the belief changes."""
+    def _forget(self) -> None:
+        """What was found out is not so any more."""
+        self._mode = self._added_up = None
+
+    def _sums(self) -> NDArray[np.float64]:
+        """What comes before each place, and all of it."""
         sheet = self._told
-        if self._surveyed is None:
-            each = np.empty(sheet.n + 1)
-            mode = found.survey(sheet.values, sheet.places, sheet.n, self.tables.layout.width, each)
-            self._surveyed = mode, each
-        return self._surveyed
+        if self._added_up is None:
+            self._added_up = np.empty(sheet.n + 1)
+            width = self.tables.layout.width
+            found.add_up(sheet.values, sheet.places, sheet.n, width, self._added_up)
+        return self._added_up
 
     def near(self, pose: NDArray[np.float64], radius: float, angle: float) -> float:
         """Mass around a pose ``(3,)``."""
@@ -322,7 +336,7 @@ class GridBelief:
 
     def _states_at(self, shares: NDArray[np.float64]) -> NDArray[np.int64]:
         """States at ascending shares ``(N,)`` in [0, 1) of the mass."""
-        sheet, (_, each) = self._told, self._survey()
+        sheet, each = self._told, self._sums()
         if sheet.n == 0:
             raise ConfigError("a belief that holds nothing has no poses")
         states = np.empty(len(shares), dtype=np.int64)

@@ -129,25 +129,20 @@ def held(values: NDArray[np.float32], places: NDArray[np.int32], n: int, width: 
 
 
 @njit(cache=True, nogil=True)
-def collect(
-    flags: NDArray[np.uint8], values: NDArray[np.float32], width: int, places: NDArray[np.int32]
-) -> int:
-    """List the flagged places that hold anything, and take the flags back; returns how many.
+def collect(flags: NDArray[np.uint8], places: NDArray[np.int32]) -> int:
+    """List the flagged places, and take the flags back; returns how many.
 
     Args:
-        flags: ``(P,)``; zeros afterwards.
-        values: ``(P * W,)``.
-        width: W.
+        flags: ``(P,)`` of 0 and 1; zeros afterwards.
         places: Overwritten.
     """
-    words, w, n = flags.view(np.uint64), np.uint64(width), 0
+    words, n = flags.view(np.uint64), 0
     for i in range(words.shape[0]):
         if words[i] == 0:
             continue
         for p in range(WORD * i, WORD * (i + 1)):
-            if flags[p] != 0 and holds(values, np.uint64(p) * w, w):
-                places[n] = p
-                n += 1
+            places[n] = p
+            n += flags[p]
         words[i] = 0
     return n
 

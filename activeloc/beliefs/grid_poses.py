@@ -5,41 +5,55 @@ from numba import njit
 from numpy.typing import NDArray
 
 from activeloc.beliefs.grid_layout import LANES
-from activeloc.beliefs.lanes import N_LANES, add, any_above, fill, load, total
+from activeloc.beliefs.grid_sums import largest_in
+from activeloc.beliefs.lanes import N_LANES, add, any_above, at_least, fill, load, total
 
 
 @njit(cache=True, nogil=True)
-def survey(
-    values: NDArray[np.float32],
-    places: NDArray[np.int32],
-    n: int,
-    width: int,
-    sums: NDArray[np.float64],
-) -> int:
-    """State of the largest probability, the first of equals; and what places sum to.
+def likeliest(values: NDArray[np.float32], places: NDArray[np.int32], n: int, width: int) -> int:
+    """State of the largest probability, the first of equals.
 
     Args:
         values: ``(P * W,)``.
         places: Of the belief.
         n: How many.
         width: W.
-        sums: ``(n + 1,)``, overwritten with what comes before each place, and all of it.
     """
-    w, best, mode = np.uint64(width), values.dtype.type(0), 0
-    sums[0] = 0.0
+    w, best, mode = np.uint64(width), np.zeros(1, values.dtype), np.uint64(0)
     for c in range(n):
-        at = np.uint64(places[c]) * w
-        of, exceeds = fill(values.dtype.type(0)), False
+        at, most = np.uint64(places[c]) * w, fill(values.dtype.type(0))
         for g in range(np.uint64(0), w, LANES):
             part = load(values, at + g)
-            of = add(of, part)
-            exceeds |= any_above(part, fill(best))
+            most = at_least(part, most, most)
+        if any_above(most, fill(best[0])):
+            mode = largest_in(values, at, w, best)
+    return int(mode)
+
+
+@njit(cache=True, nogil=True)
+def add_up(
+    values: NDArray[np.float32],
+    places: NDArray[np.int32],
+    n: int,
+    width: int,
+    sums: NDArray[np.float64],
+) -> None:
+    """What comes before each place, and all of it.
+
+    Args:
+        values: ``(P * W,)``.
+        places: Of the belief.
+        n: How many.
+        width: W.
+        sums: ``(n + 1,)``, overwritten.
+    """
+    w = np.uint64(width)
+    sums[0] = 0.0
+    for c in range(n):
+        at, of = np.uint64(places[c]) * w, fill(values.dtype.type(0))
+        for g in range(np.uint64(0), w, LANES):
+            of = add(of, load(values, at + g))
         sums[c + 1] = sums[c] + total(of)
-        if exceeds:
-            for s in range(places[c] * width, (places[c] + 1) * width):
-                if values[s] > best:
-                    best, mode = values[s], s
-    return mode
 
 
 @njit(cache=True, nogil=True)
@@ -164,7 +178,7 @@ def at_shares(
         places: Of ``values``.
         n: How many.
         width: W.
-        sums: ``(n + 1,)``; see :func:`survey`.
+        sums: ``(n + 1,)``; see :func:`add_up`.
         shares: ``(N,)`` in [0, 1), ascending.
         states: ``(N,)``, overwritten.
     """

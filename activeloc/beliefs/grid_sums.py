@@ -139,6 +139,18 @@ def largest(values: NDArray[np.float32], places: NDArray[np.int32], n: int, widt
 
 
 @njit(cache=True, nogil=True)
+def largest_in(
+    values: NDArray[np.float32], at: np.uint64, width: np.uint64, best: NDArray[np.float32]
+) -> np.uint64:
+    """State of a cell's largest probability, the first of equals; ``best (1,)`` is set to it."""
+    mode = at
+    for k in range(width):
+        if values[at + k] > best[0]:
+            best[0], mode = values[at + k], at + k
+    return mode
+
+
+@njit(cache=True, nogil=True)
 def normalise(
     values: NDArray[np.float32],
     places: NDArray[np.int32],
@@ -147,7 +159,7 @@ def normalise(
     width: int,
     whole: float,
     least: float,
-) -> tuple[int, float]:
+) -> tuple[int, float, int]:
     """Divide by ``whole``, then drop states under ``least``, and cells without any.
 
     Args:
@@ -160,23 +172,27 @@ def normalise(
         least: Probability under which a state is emptied; if all are that small, none is.
 
     Returns:
-        Number of places, and the mass that was kept of one.
+        Number of places, the mass that was kept of one, and the likeliest state.
     """
     w, kept_places = np.uint64(width), 0
     number = values.dtype.type
+    best, mode = np.zeros(1, values.dtype), np.uint64(0)
     if least * n * n_headings >= 1.0 and largest(values, places, n, width) < least * whole:
         least = 0.0
     factor, limit, nothing = fill(number(1.0 / whole)), fill(number(least * whole)), fill(number(0))
     dropped = fill(0.0)
     for c in range(n):
-        at, lost, is_held = np.uint64(places[c]) * w, nothing, False
+        at, lost, most = np.uint64(places[c]) * w, nothing, nothing
         for g in range(np.uint64(0), w, LANES):
             part = load(values, at + g)
             kept = at_least(part, limit, nothing)
             lost = add(lost, sub(part, kept))
-            is_held |= any_above(kept, nothing)
-            store(values, at + g, mul(kept, factor))
+            part = mul(kept, factor)
+            most = at_least(part, most, most)
+            store(values, at + g, part)
         dropped = add(dropped, widened(lost))
         places[kept_places] = places[c]
-        kept_places += is_held
-    return kept_places, 1.0 - total(dropped) / whole
+        kept_places += any_above(most, nothing)
+        if any_above(most, fill(best[0])):
+            mode = largest_in(values, at, w, best)
+    return kept_places, 1.0 - total(dropped) / whole, int(mode)

@@ -8,8 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from activeloc.beliefs.grid_layout import LANES, clear, collect
-from activeloc.beliefs.grid_sums import mass
-from activeloc.beliefs.lanes import add, any_above, fill, load, mul, store
+from activeloc.beliefs.lanes import add, any_above, fill, load, mul, store, total, widened
 
 
 @njit(cache=True, nogil=True)
@@ -22,6 +21,7 @@ def translate(
     first: NDArray[np.int64],
     step: NDArray[np.int32],
     weight: NDArray[np.float32],
+    left: NDArray[np.float32],
     out: NDArray[np.float32],
     out_places: NDArray[np.int32],
     n_out: int,
@@ -38,28 +38,30 @@ def translate(
         first: ``(L + 1,)``; where each list's entries begin,
         step: ``(M,)``; places from the state's to the entry's, and
         weight: ``(M * LANES,)``; share of each heading that goes there.
+        left: ``(L * LANES,)``; sum of each list's shares.
         out: ``(P * W,)``, overwritten.
         out_places: What ``out`` holds before; overwritten with what it holds afterwards.
         n_out: How many places that was.
         flags: Zeros.
 
     Returns:
-        How many places ``out`` has, and its sum.
+        How many places ``out`` has, some of which may hold nothing, and its sum.
     """
     clear(out, out_places, n_out, width)
     w, one, n_groups = np.uint64(width), np.uint64(1), np.uint64(width) // LANES
-    nothing = fill(values.dtype.type(0))
+    nothing, sums = fill(values.dtype.type(0)), fill(0.0)
     for c in range(n):
-        p = np.uint64(places[c])
+        p, of = np.uint64(places[c]), nothing
         for g in range(n_groups):
             part = load(values, p * w + g * LANES)
             if not any_above(part, nothing):
                 continue
             r = np.uint64(which[p * n_groups + g])
+            of = add(of, mul(part, load(left, r * LANES)))
             for e in range(np.uint64(first[r]), np.uint64(first[r + one])):
                 there = p + np.uint64(step[e])
                 to = there * w + g * LANES
                 store(out, to, add(load(out, to), mul(part, load(weight, e * LANES))))
                 flags[there] = 1
-    n_out = collect(flags, out, width, out_places)
-    return n_out, mass(out, out_places, n_out, width)
+        sums = add(sums, widened(of))
+    return collect(flags, out_places), total(sums)

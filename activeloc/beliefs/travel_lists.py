@@ -149,14 +149,23 @@ class TravelLists:
     first: NDArray[np.int64]
     step: NDArray[np.int32]
     weight: NDArray[np.float32]
-    _mixed: dict[tuple[float, str], NDArray[np.floating]] = field(default_factory=dict)
+    _mixed: dict[tuple[float, str], tuple[NDArray[np.floating], NDArray[np.floating]]] = field(
+        default_factory=dict
+    )
 
-    def mixed(self, floor: float, precision: str) -> NDArray[np.floating]:
-        """``(M * LANES,)``; weights where ways that an obstacle cuts short count ``floor``."""
+    def mixed(
+        self, floor: float, precision: str
+    ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        """Weights where ways that an obstacle cuts short count ``floor``.
+
+        Returns:
+            ``(M * LANES,)``, and ``(L * LANES,)``, what each list's sum to.
+        """
         if (floor, precision) not in self._mixed:
             mixed = np.multiply(self.weight[1], floor, dtype=precision)
             mixed += self.weight[0]
-            self._mixed[floor, precision] = mixed.ravel()
+            left = np.add.reduceat(mixed, self.first[:-1], axis=0)
+            self._mixed[floor, precision] = mixed.ravel(), left.ravel()
         return self._mixed[floor, precision]
 
     @classmethod

@@ -10,6 +10,7 @@ put into the prediction here.
 
 import itertools
 from dataclasses import dataclass
+from itertools import pairwise
 from math import erf, sqrt
 
 import numpy as np
@@ -138,8 +139,10 @@ def test_lists_lead_where_the_rows_of_their_headings_do(world, cell_size, headin
         assert got.keys() == expected.keys()
         for step, weight in expected.items():
             np.testing.assert_array_equal(got[step], weight)
-    mixed = lists.mixed(0.25, "float64").reshape(-1, N_LANES)
+    mixed, left = (of.reshape(-1, N_LANES) for of in lists.mixed(0.25, "float64"))
     np.testing.assert_allclose(mixed, lists.weight[0] + 0.25 * lists.weight[1], rtol=1e-6)
+    sums = [mixed[slice(*ends)].sum(axis=0) for ends in pairwise(lists.first)]
+    np.testing.assert_allclose(left, sums, rtol=1e-12)
 
 
 @pytest.mark.parametrize("level", [1, 2, 5, 8])
