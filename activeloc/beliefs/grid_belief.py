@@ -257,11 +257,20 @@ class GridBelief:
         uniform = tables.uniform_masses, tables.uniform_nats
         return self._fold(tables.coarse, w, uniform, _NOTHING)
 
-    def masses(self, bins: CoarseBins) -> NDArray[np.float64]:
-        """``(H, Y * X)``; summed in coarser bins."""
-        out = np.empty((len(bins.headings), bins.shape[0] * bins.shape[1]))
-        self._fold(bins, 0.0, (_NOTHING, _NOTHING), out)
-        return out
+    def masses(
+        self, bins: CoarseBins, share: float = 1.0, onto: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """``(H, Y * X)``; a share of what there is, summed in coarser bins.
+
+        Args:
+            bins: The bins.
+            share: Of the belief.
+            onto: What it is added to, in place; nothing if None.
+        """
+        if onto is None:
+            onto = np.zeros((len(bins.headings), bins.shape[0] * bins.shape[1]))
+        self._fold(bins, 0.0, (_NOTHING, _NOTHING), onto, share)
+        return onto
 
     def _fold(
         self,
@@ -269,11 +278,12 @@ class GridBelief:
         w: float,
         uniform: tuple[NDArray[np.float64], NDArray[np.float64]],
         out: NDArray[np.float64],
+        share: float = 1.0,
     ) -> float:
         sheet, layout = self._told, self.tables.layout
         nats: float = summary.fold(
             sheet.values, sheet.places, sheet.n, layout.cols, layout.width, bins.shape[1],
-            1.0 / self._divisor, bins.row_first, bins.row_shares, bins.col_bins, bins.col_shares,
+            share / self._divisor, bins.row_first, bins.row_shares, bins.col_bins, bins.col_shares,
             bins.heading_start, bins.heading_bin, bins.heading_share, bins.even,
             w, *uniform, self.tables.uniform_entropy, out,
         )  # fmt: skip

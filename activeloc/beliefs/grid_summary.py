@@ -177,7 +177,7 @@ def fold(
         uniform: ``(Y * X, H)``, summing to one.
         uniform_nats: ``(Y * X, H)``; u log u of each u in ``uniform``, 0 for 0.
         uniform_entropy: Of ``uniform`` [nat].
-        out: ``(H, Y * X)``, overwritten with the bins, without the uniform; or empty.
+        out: ``(H, Y * X)``, to which the bins are added, without the uniform; or empty.
 
     Returns:
         The entropy of the belief mixed with the uniform [nat]; 0 where ``out`` is given.
@@ -187,8 +187,6 @@ def fold(
     sums, is_reached = np.zeros((n_cols + 1) * width, values.dtype), np.zeros(n_cols, np.bool_)
     folded, told = np.empty((n_cols, n_headings)), np.empty(n_cols * n_headings + N_LANES)
     h, rest, rest_entropy = 0.0, 1.0, uniform_entropy
-    if out.size > 0:
-        out[:] = 0.0
     for y in range(row_first.shape[0]):
         # Rows with the same coarse row, and coarse columns, at a time: a call costs as much as a
         # column.
@@ -208,7 +206,7 @@ def fold(
             place = y * n_cols + reached[i]
             if out.size > 0:
                 for j in range(n_headings):
-                    out[j, place] = folded[i, j]
+                    out[j, place] += folded[i, j]
                 continue
             for j in range(n_headings):
                 # Without a branch: which bins hold anything, nobody can guess.

@@ -295,9 +295,9 @@ class HistogramBelief:
         """See :class:`Belief`."""
         track = self._track(robot)
         bins = track.tables.view_bins(headings, rows, cols)
-        out, w = track.bel.masses(bins), track.elsewhere
-        if w > 0.0:
-            out = (1.0 - w) * out + w * track.tables.background.view(bins)
+        w = track.elsewhere
+        elsewhere = w * track.tables.background.view(bins) if w > 0.0 else None
+        out = track.bel.masses(bins, 1.0 - w, elsewhere)
         return out.reshape(headings, rows, cols)
 
     def sample(self, robot: int, n: int, rng: np.random.Generator) -> NDArray[np.float64]:

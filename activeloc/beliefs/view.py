@@ -53,6 +53,6 @@ def show(p: NDArray[np.float64], largest: float, out: NDArray[np.float32]) -> No
         largest: Of them; positive.
         out: Overwritten.
     """
+    by = 1.0 / largest
     for i in range(p.shape[0]):
-        # A belief is nought in most pixels, and a root is dear.
-        out[i] = np.sqrt(p[i] / largest) if p[i] > 0.0 else 0.0
+        out[i] = np.sqrt(np.float32(p[i] * by))
