@@ -188,15 +188,16 @@ def fold(
     folded, told = np.empty((n_cols, n_headings)), np.empty(n_cols * n_headings + N_LANES)
     h, rest, rest_entropy = 0.0, 1.0, uniform_entropy
     for y in range(row_first.shape[0]):
+        first, last = row_first[y], min(row_first[y] + row_shares.shape[1], n_rows)
+        if begins[min(first, n_rows)] == begins[last]:
+            continue
         # Rows with the same coarse row, and coarse columns, at a time: a call costs as much as a
         # column.
         _add_rows(
-            values, places, begins, row_first[y], row_shares[y], cols, width, factor,
+            values, places, begins, first, row_shares[y], cols, width, factor,
             col_bins, col_shares, sums, is_reached,
         )  # fmt: skip
         reached = np.flatnonzero(is_reached)
-        if reached.shape[0] == 0:
-            continue
         is_reached[:] = False
         _fold_headings(
             sums, reached, width, heading_start, heading_bin, heading_share, even, folded
