@@ -82,3 +82,23 @@ def test_a_look_up_is_one_for_each_lane(precision, index):
     for first, at in ((0, 0), (3, 5), (1, 12)):
         find(table, np.uint64(first), indices, np.uint64(at), out)
         np.testing.assert_array_equal(out, table[first + indices[at : at + N_LANES].astype(int)])
+
+
+@njit
+def take_logarithms(x, out):
+    for i in range(ZERO, np.uint64(len(x)), np.uint64(N_LANES)):
+        lanes.store(out, i, lanes.log(lanes.load(x, i)))
+
+
+def test_logarithms_are_those_of_the_library():
+    """Of all magnitudes, and where they are small: about one, on both sides of a power of two."""
+    rng = np.random.default_rng(0)
+    around = 1.0 + rng.choice([-1.0, 1.0], 4000) * 10.0 ** rng.uniform(-16, -1, 4000)
+    wide = 10.0 ** rng.uniform(-307, 308, 8000)
+    limits = np.finfo(np.float64)
+    edges = [limits.tiny, limits.max, 1.0, 2.0, 0.5, np.sqrt(0.5), np.sqrt(2.0), np.e]
+    x = np.concatenate([around, around * np.sqrt(0.5), wide, edges])
+    out = np.empty_like(x)
+    take_logarithms(x, out)
+    np.testing.assert_allclose(out, np.log(x), rtol=4e-16, atol=0)
+    assert out[-6] == 0.0
