@@ -410,6 +410,7 @@ def scan_at(tables, weight):
 def test_what_was_found_is_looked_for_again_after_a_change(tables, change):
     bel = GridBelief.of(tables, spots(tables, 80, 2, 6))
     bel.estimate(0.5, 0.4)
+    bel.thinned(50)
     CHANGES[change](bel, tables)
     anew = GridBelief.of(tables, bel.by_cell)
     for one, other in zip(bel.thinned(50), anew.thinned(50), strict=True):

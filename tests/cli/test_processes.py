@@ -87,16 +87,21 @@ def test_stopped_runs_say_how_to_go_on(place, number, jobs, code, word):
     [("", "the same command"), ("--overwrite", "the same command without --overwrite")],
 )
 def test_what_is_kept_is_what_the_file_holds(monkeypatch, capsys, more, way):
-    # The interrupt comes when an episode is in the file and not yet on the bar.
+    """The interrupt comes when an episode is in the file and not yet on the bar."""
+    last = 2
+
     def stop(progress, record):
-        if record.episode == 2:
+        if record.episode == last:
             raise KeyboardInterrupt
 
     monkeypatch.setattr("activeloc.cli.evaluate._Progress.add", stop)
-    arguments = "evaluate --map hut.txt --agents spin --episodes 9 --out out --steps 2 --set"
-    assert main([*arguments.split(), "belief.headings=12", *more.split()]) == 130
-    err = capsys.readouterr().err
-    assert err == f"activeloc: interrupted; 3 of 9 episodes are kept in out; {way} goes on\n"
+    arguments = "evaluate --map hut.txt --agents spin --out out --steps 2 --set belief.headings=12"
+    kept = "activeloc: interrupted; {} episodes are kept in out; {} goes on\n"
+    assert main([*arguments.split(), "--episodes", "9", *more.split()]) == 130
+    assert capsys.readouterr().err == kept.format("3 of 9", way)
+    last = 0  # Those that are not asked for are kept, and do not count.
+    assert main([*arguments.split(), "--episodes", "1"]) == 130
+    assert capsys.readouterr().err == kept.format("1 of 1", "the same command")
 
 
 def test_nobody_reads(place):
