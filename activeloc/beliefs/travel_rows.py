@@ -192,6 +192,9 @@ def fill_rows(
     side, width = 2 * half + 1, exists.shape[1]
     own, longest = np.uint16(side * side // 2), np.uint64(stop.shape[1] - 1)
     n_sub, cells = is_open.shape[1], exists.ravel()
+    # Where each slot is in a window, and how many places away.
+    within = ends // side * width + ends % side
+    steps = (ends // side - half) * (width - 2 * half) + ends % side - half
     there, ways = np.zeros((side * side, LANES)), np.zeros((side * side, LANES))
     cut, w, rest = np.zeros((side * side, LANES)), np.empty(LANES), np.empty(LANES)
     length, q = np.zeros((free.shape[1], LANES), dtype=np.uint8), np.zeros((n_sub, LANES))
@@ -205,22 +208,22 @@ def fill_rows(
                 length[i, b] = of[i]
             for s in range(n_sub):
                 q[s, b] = each if counts[s] else 0.0
-        for j in ends:
+        for m in range(ends.shape[0]):
+            j = ends[m]
             ways[j] = cut[j] = 0.0
             for b in range(lanes):
-                there[j, b] = cells[corner[r + b] + j // side * width + j % side]
+                there[j, b] = cells[np.uint64(corner[r + b] + within[m])]
         for i in range(free.shape[1]):
             e, of, stops = slice(start[i], start[i + 1]), length[i], stop[i]
             _add_probe(of, q[i % n_sub], p_free, slot[e], share[e], there, ways, rest, w)
             for b in range(lanes):
-                if rest[b] > 0.0:
-                    j = stops[min(np.uint64(of[b]), longest)]
-                    cut[j if there[j, b] != 0.0 else own, b] += rest[b]
+                # Without a branch: nothing is added where nothing is cut short.
+                j = stops[min(np.uint64(of[b]), longest)]
+                cut[j if there[j, b] != 0.0 else own, b] += rest[b]
         for b in range(lanes):
             first[r + b] = n
-            for j in ends:
-                if ways[j, b] + cut[j, b] > 0.0:
-                    step[n] = (j // side - half) * (width - 2 * half) + j % side - half
-                    weight[0, n], weight[1, n] = ways[j, b], cut[j, b]
-                    n += 1
+            for m in range(ends.shape[0]):
+                free_way, cut_way = ways[ends[m], b], cut[ends[m], b]
+                step[n], weight[0, n], weight[1, n] = steps[m], free_way, cut_way
+                n += free_way + cut_way > 0.0
     return n
