@@ -9,6 +9,8 @@ it back.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -49,6 +51,11 @@ class GridBelief:
             self._sheet.clear(tables.layout)
         else:
             self._sheet.put(values, tables.layout)
+
+    def __getstate__(self) -> tuple[None, dict[str, Any]]:
+        """What was found out is no state: it can be found out again."""
+        state = {name: getattr(self, name) for name in self.__slots__}
+        return None, state | {"_mode": None, "_added_up": None}
 
     @classmethod
     def of(cls, tables: GridTables, bel: NDArray[np.floating]) -> GridBelief:
