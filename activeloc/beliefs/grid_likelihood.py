@@ -25,6 +25,7 @@ from activeloc.beliefs.lanes import (
 )
 
 ROOM = 1 << 12  # Likelihoods that are kept at a time: what fits the fastest memory.
+BLOCK = 512  # States whose products are taken side by side.
 
 
 @njit(cache=True, nogil=True)
@@ -48,13 +49,18 @@ def sort_out(
         ``(A,)`` each: which beams, their readings and weights; whether all have that weight; and
         the logarithms of the least and of the largest product that there can be then.
     """
-    beams = np.flatnonzero((readings >= 0) & (weights > 0.0))
+    beams, n = np.empty(readings.shape[0], dtype=np.intp), 0
+    some, counts = np.empty_like(readings), np.empty_like(weights)
     alike, lowest, highest = True, 0.0, 0.0
-    for b in beams:
-        alike &= weights[b] == power
-        lowest += low[readings[b]]
-        highest += high[readings[b]]
-    return beams, readings[beams], weights[beams], alike, lowest, highest
+    for b in range(readings.shape[0]):
+        z = readings[b]
+        if z >= 0 and weights[b] > 0.0:
+            beams[n], some[n], counts[n] = b, z, weights[b]
+            n += 1
+            alike &= weights[b] == power
+            lowest += low[z]
+            highest += high[z]
+    return beams[:n], some[:n], counts[:n], alike, lowest, highest
 
 
 @njit(cache=True, nogil=True)
@@ -262,14 +268,19 @@ def mean_product(
         scale: What every product is multiplied by.
     """
     table, n_states, sums = p.ravel(), np.uint64(rows.shape[1]), fill(0.0)
-    flat, n_rows = rows.ravel(), np.uint64(p.shape[1])
-    for first in range(np.uint64(0), n_states, LANES):
-        product = fill(p.dtype.type(scale))
+    flat, n_rows, product = rows.ravel(), np.uint64(p.shape[1]), np.empty(BLOCK, p.dtype)
+    for first in range(np.uint64(0), n_states, np.uint64(BLOCK)):
+        n = min(np.uint64(BLOCK), n_states - first)
+        product[:] = scale
+        # Beam by beam: the likelihoods of one reading stay in the fastest memory.
         for b in range(beams.shape[0]):
             at = np.uint64(beams[b]) * n_states + first
             begin = np.uint64(readings[b]) * n_rows
-            product = mul(product, look_up(table, begin, flat, at))
-        sums = add(sums, widened(product))
+            for i in range(np.uint64(0), n, LANES):
+                more = look_up(table, begin, flat, at + i)
+                store(product, i, mul(load(product, i), more))
+        for i in range(np.uint64(0), n, LANES):
+            sums = add(sums, widened(load(product, i)))
     return total(sums) / rows.shape[1]
 
 
