@@ -26,6 +26,8 @@ from activeloc.beliefs.scan_likelihood import ScanLikelihood
 from activeloc.errors import ConfigError
 
 _NOTHING = np.empty((0, 0))
+EVERYWHERE = 0.7
+"""Share of the cells above which a travel may reach them all, and nobody asks which."""
 
 
 class GridBelief:
@@ -166,12 +168,15 @@ class GridBelief:
         tables, layout, precision = self.tables, self.tables.layout, self.tables.precision
         lists = tables.travel.level(abs(level), hops).lists(backward=level < 0)
         of, to = self._told, tables.take()
+        few = of.n <= EVERYWHERE * len(layout.place)
         self._forget()
         to.n, mass = travels.translate(
             of.values, of.places, of.n, layout.width,
             lists.which, lists.first, lists.step, *lists.mixed(floor, precision),
-            to.values, to.places, to.n, to.flags,
+            to.values, to.places, to.n, to.flags, few,
         )  # fmt: skip
+        if not few:
+            to.list_all(layout)
         tables.give(of)
         self._sheet, self._is_loose = to, True
         return float(mass) / self._divisor

@@ -97,10 +97,15 @@ class Sheet:
         self.values[:] = values
         self.find(layout)
 
+    def list_all(self, layout: GridLayout) -> None:
+        """List all cells."""
+        self.n = len(layout.place)
+        self.places[: self.n] = layout.place
+
     def find(self, layout: GridLayout) -> None:
         """List the cells that hold anything."""
-        self.places[: len(layout.place)] = layout.place
-        self.n = held(self.values, self.places, len(layout.place), layout.width)
+        self.list_all(layout)
+        self.n = held(self.values, self.places, self.n, layout.width)
 
     def copy_to(self, other: Sheet, layout: GridLayout) -> None:
         """Make another sheet of the layout, which must be empty, like this one."""

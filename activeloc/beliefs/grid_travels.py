@@ -26,6 +26,7 @@ def translate(
     out_places: NDArray[np.int32],
     n_out: int,
     flags: NDArray[np.uint8],
+    is_listed: bool,
 ) -> tuple[int, float]:
     """out(x') = sum over x of p(x' | x) values(x).
 
@@ -43,9 +44,10 @@ def translate(
         out_places: What ``out`` holds before; overwritten with what it holds afterwards.
         n_out: How many places that was.
         flags: Zeros.
+        is_listed: Whether to list what ``out`` holds; else ``out_places`` stays as it was.
 
     Returns:
-        How many places ``out`` has, some of which may hold nothing, and its sum.
+        How many places are listed, some of which may hold nothing, and the sum of ``out``.
     """
     clear(out, out_places, n_out, width)
     w, one, n_groups = np.uint64(width), np.uint64(1), np.uint64(width) // LANES
@@ -62,6 +64,7 @@ def translate(
                 there = p + np.uint64(step[e])
                 to = there * w + g * LANES
                 store(out, to, add(load(out, to), mul(part, load(weight, e * LANES))))
-                flags[there] = 1
+                if is_listed:
+                    flags[there] = 1
         sums = add(sums, widened(of))
-    return collect(flags, out_places), total(sums)
+    return collect(flags, out_places) if is_listed else 0, total(sums)

@@ -220,7 +220,8 @@ def act(bel, rows):
     n, mass = travels.translate(
         values, places, 2, N_LANES, np.arange(2, dtype=np.int32), np.array([0, 2, 4]),
         np.array([0, 1, -1, 0], np.int32), weight.ravel(),
-        weight.reshape(2, 2, -1).sum(axis=1).ravel(), out, out_places, 2, np.zeros(8, np.uint8),
+        weight.reshape(2, 2, -1).sum(axis=1).ravel(),
+        out, out_places, 2, np.zeros(8, np.uint8), True,
     )  # fmt: skip
     assert (n, mass) == (2, pytest.approx(1.0, abs=1e-15))
     return out[::N_LANES]
