@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from io import BytesIO
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MARKERS = "osD^vP*"
+TICKS = (
+    (6.0, (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)),
+    (200.0, (1.0, 2.0, 5.0)),
+    (inf, (1.0,)),
+)
+"""Which multiples of powers of ten are written, on axes whose ends have less than a ratio."""
 
 
 def write_figures(curves: Sequence[Curve], folder: Path) -> list[Path]:
@@ -78,7 +85,7 @@ def _plain_ticks(axes: Axes) -> None:
 
     for axis in (axes.xaxis, axes.yaxis):
         low, high = sorted(axis.get_view_interval())
-        short = high / low < 200.0
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
+        subs = next(subs for most, subs in TICKS if high / low < most)
+        axis.set_major_locator(LogLocator(subs=subs))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.10g}"))
         axis.set_minor_formatter(NullFormatter())
