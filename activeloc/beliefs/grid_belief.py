@@ -311,7 +311,7 @@ class GridBelief:
         sheet, tables, out = self._told, self.tables, np.empty(4)
         poses, width = tables.poses, tables.layout.width
         if self._mode is None:
-            self._mode = int(found.likeliest(sheet.values, sheet.places, sheet.n, width))
+            self._mode = int(sums.likeliest(sheet.values, sheet.places, sheet.n, width))
         found.estimate(
             sheet.values, width, poses.index, poses.centres, poses.thetas,
             tables.frame, self._mode, radius, angle, out,

@@ -1,33 +1,11 @@
-"""Kernels that find poses in a belief: the likeliest, the mass around one, at shares of it all."""
+"""Kernels that find poses in a belief: the mass around one, those at shares of it all."""
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from activeloc.beliefs.grid_layout import LANES
-from activeloc.beliefs.grid_sums import largest_in
-from activeloc.beliefs.lanes import N_LANES, add, any_above, at_least, fill, load, total
-
-
-@njit(cache=True, nogil=True)
-def likeliest(values: NDArray[np.float32], places: NDArray[np.int32], n: int, width: int) -> int:
-    """State of the largest probability, the first of equals.
-
-    Args:
-        values: ``(P * W,)``.
-        places: Of the belief.
-        n: How many.
-        width: W.
-    """
-    w, best, mode = np.uint64(width), np.zeros(1, values.dtype), np.uint64(0)
-    for c in range(n):
-        at, most = np.uint64(places[c]) * w, fill(values.dtype.type(0))
-        for g in range(np.uint64(0), w, LANES):
-            part = load(values, at + g)
-            most = at_least(part, most, most)
-        if any_above(most, fill(best[0])):
-            mode = largest_in(values, at, w, best)
-    return int(mode)
+from activeloc.beliefs.lanes import N_LANES, add, fill, load, total
 
 
 @njit(cache=True, nogil=True)

@@ -12,6 +12,7 @@ from activeloc.beliefs.grid_layout import LANES
 from activeloc.beliefs.lanes import N_LANES, add, at_least, fill, load, log, mul, store, total
 
 LEAST = float(np.finfo(np.float64).tiny)
+"""The least number whose logarithm :func:`activeloc.beliefs.lanes.log` takes."""
 
 
 @njit(cache=True, nogil=True)

@@ -1,4 +1,4 @@
-"""Kernels of the histogram filter: sums, evidence, what is dropped, for one robot.
+"""Kernels of the histogram filter: sums, evidence, the likeliest state, what is dropped.
 
 A belief is ``values`` and the list of its ``places`` (:mod:`activeloc.beliefs.grid_layout`).
 Kernels draw nothing, raise nothing and return what a caller needs to know as numbers. What a cell
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from activeloc.beliefs.grid_layout import LANES
 from activeloc.beliefs.lanes import (
-    N_LANES,
     add,
     any_above,
     at_least,
@@ -125,20 +124,6 @@ def weigh(
 
 
 @njit(cache=True, nogil=True)
-def largest(values: NDArray[np.float32], places: NDArray[np.int32], n: int, width: int) -> float:
-    """The largest probability."""
-    w, best = np.uint64(width), fill(values.dtype.type(0))
-    top = np.zeros(N_LANES, dtype=values.dtype)
-    for c in range(n):
-        at = np.uint64(places[c]) * w
-        for g in range(np.uint64(0), w, LANES):
-            part = load(values, at + g)
-            best = at_least(part, best, best)
-    store(top, np.uint64(0), best)
-    return float(top.max())
-
-
-@njit(cache=True, nogil=True)
 def largest_in(
     values: NDArray[np.float32], at: np.uint64, width: np.uint64, best: NDArray[np.float32]
 ) -> np.uint64:
@@ -148,6 +133,27 @@ def largest_in(
         if values[at + k] > best[0]:
             best[0], mode = values[at + k], at + k
     return mode
+
+
+@njit(cache=True, nogil=True)
+def likeliest(values: NDArray[np.float32], places: NDArray[np.int32], n: int, width: int) -> int:
+    """State of the largest probability, the first of equals.
+
+    Args:
+        values: ``(P * W,)``.
+        places: Of the belief.
+        n: How many.
+        width: W.
+    """
+    w, best, mode = np.uint64(width), np.zeros(1, values.dtype), np.uint64(0)
+    for c in range(n):
+        at, most = np.uint64(places[c]) * w, fill(values.dtype.type(0))
+        for g in range(np.uint64(0), w, LANES):
+            part = load(values, at + g)
+            most = at_least(part, most, most)
+        if any_above(most, fill(best[0])):
+            mode = largest_in(values, at, w, best)
+    return int(mode)
 
 
 @njit(cache=True, nogil=True)
@@ -177,8 +183,9 @@ def normalise(
     w, kept_places = np.uint64(width), 0
     number = values.dtype.type
     best, mode = np.zeros(1, values.dtype), np.uint64(0)
-    if least * n * n_headings >= 1.0 and largest(values, places, n, width) < least * whole:
-        least = 0.0
+    if least * n * n_headings >= 1.0:
+        highest = values[likeliest(values, places, n, width)]
+        least = 0.0 if highest < least * whole else least
     factor, limit, nothing = fill(number(1.0 / whole)), fill(number(least * whole)), fill(number(0))
     dropped = fill(0.0)
     for c in range(n):
